@@ -100,10 +100,13 @@ impl Checker<'_> {
         };
         let Callee::Native(id) = call.callee else { return false };
         let native = self.slot(id).name.text.clone();
-        if matches!(native.as_str(), "one_sided" | "mask" | "normal_map" | "coated" | "moving") {
+        if matches!(native.as_str(), "one_sided" | "mask" | "normal_map" | "brushed" | "coated" | "moving") {
             let own = matches!(
                 (native.as_str(), name.text.as_str()),
-                ("mask", "opacity") | ("normal_map", "normals") | ("coated", "coat" | "coat_roughness")
+                ("mask", "opacity")
+                    | ("normal_map", "normals")
+                    | ("brushed", "anisotropy" | "turn")
+                    | ("coated", "coat" | "coat_roughness")
             );
             return match &call.args[0] {
                 Some(inner) if !own => self.lacks(inner, name, depth - 1),
@@ -119,7 +122,15 @@ impl Checker<'_> {
         let at = signature.params.iter().position(|p| p.name == name.text);
         let left_out = at.is_some_and(|i| call.args.get(i).is_some_and(Option::is_none));
         // Fields that follow from other arguments exist too.
-        let follows = matches!((native.as_str(), name.text.as_str()), ("spot", "beam") | ("environment", "rotation"));
+        let follows = match (native.as_str(), name.text.as_str()) {
+            ("spot", "beam") | ("environment", "rotation") => true,
+            // Of a metal that is not told by its index.
+            ("conductor", "reflectance") => {
+                let index = signature.params.iter().position(|p| p.name == "eta");
+                index.is_some_and(|i| call.args.get(i).is_none_or(Option::is_none))
+            }
+            _ => false,
+        };
         let (message, help) = match parts {
             Some(parts) if !parts.contains(&name.text.as_str()) => (
                 format!("`{native}` makes a {} without `{}`", made.ty, name.text),
@@ -247,9 +258,11 @@ pub fn fields_of(ty: &Ty) -> Vec<&str> {
         }
         Ty::Shape => vec!["mesh", "material"],
         Ty::Light => all_parts(lights()),
-        Ty::Material => {
-            [all_parts(materials()), vec!["coat", "coat_roughness", "a", "b", "weight", "opacity", "normals"]].concat()
-        }
+        Ty::Material => [
+            all_parts(materials()),
+            vec!["anisotropy", "turn", "coat", "coat_roughness", "a", "b", "weight", "opacity", "normals"],
+        ]
+        .concat(),
         Ty::Texture => vec!["texels", "width", "height"],
         Ty::Scene => vec!["shapes", "lights"],
         Ty::Estimate(_) => vec!["mean", "std_error"],
@@ -307,6 +320,7 @@ pub fn field_type(ty: &Ty, name: &str) -> Option<Ty> {
         (Ty::Shape | Ty::Light, "mesh") => Ty::Mesh,
         (Ty::Shape | Ty::Light, "material") => Ty::Material,
         (Ty::Material, "a" | "b") => Ty::Material,
+        (Ty::Material, "turn") => Ty::Angle,
         (Ty::Light, "rotation") => Ty::Rotation,
         (Ty::Texture, "texels") => super::signature::any_image(),
         (Ty::Texture, "width" | "height") => Ty::SCALAR,

@@ -365,6 +365,9 @@ pub fn around_material(argument: &str) -> Option<&'static str> {
         "clearcoat" | "clearcoat_weight" | "clearcoat_roughness" | "coat" | "coat_weight" | "coat_roughness" => {
             "coated"
         }
+        "anisotropy" | "anisotropic" | "anisotropy_strength" | "anisotropy_rotation" | "alpha_u" | "alpha_v" => {
+            "brushed"
+        }
         "normal" | "normals" | "normal_map" | "normal_texture" => "normal_map",
         "bump" | "bump_map" | "height_map" => "bump",
         "opacity" | "opacity_map" | "mask" | "cutout" => "mask",
@@ -380,6 +383,7 @@ pub fn function(name: &str) -> Option<&'static str> {
         "metal" | "roughconductor" | "ggx" => "conductor",
         "sheen" | "velvet" | "fabric" | "charlie" => "cloth",
         "clearcoat" | "clear_coat" | "coat" | "varnish" | "lacquer" => "coated",
+        "anisotropic" | "ward" | "grooves" => "brushed",
         "normalmap" | "normal_texture" | "normals_map" => "normal_map",
         "blendbsdf" | "blend_bsdf" | "mix_shader" | "mix_material" | "mixture" => "blend",
         "bumpmap" | "bump_map" | "height_map" => "bump",

@@ -9,8 +9,8 @@ use glam::{DVec3, Vec2, Vec3};
 use crate::check::hir::DeclId;
 use crate::image::Image;
 use crate::mesh::load::{
-    Clear, Coat, Loaded, LoadedCamera, LoadedImage, LoadedLight, LoadedLightKind, LoadedMaterial, LoadedPart,
-    LoadedProjection, Sheen,
+    Clear, Coat, Loaded, LoadedCamera, LoadedGrain, LoadedImage, LoadedLight, LoadedLightKind, LoadedMaterial,
+    LoadedPart, LoadedProjection, Sheen,
 };
 use crate::mesh::{Mesh, ops};
 use crate::natives::value::{
@@ -18,7 +18,7 @@ use crate::natives::value::{
 };
 use crate::render::bsdf::sheen_alpha_of;
 use crate::render::texture::Filter;
-use crate::render::{MaterialKind, Projection};
+use crate::render::{ClearCoat, Grain, MaterialKind, Projection};
 use crate::tape::Var;
 
 use super::Engine;
@@ -248,6 +248,21 @@ impl Writer<'_> {
         self.one_material(material, name)
     }
 
+    fn grain(&mut self, grain: &Grain<Input>, name: &str) -> LoadedGrain {
+        let (strength, turn) = (self.look(&grain.anisotropy, false, name), self.look(&grain.turn, false, name));
+        LoadedGrain { strength: strength.constant.x, strength_image: strength.image, rotation: turn.mean().x }
+    }
+
+    fn coat(&mut self, coat: &ClearCoat<Input>, name: &str) -> Coat {
+        let (weight, roughness) = (self.look(&coat.weight, false, name), self.look(&coat.roughness, false, name));
+        Coat {
+            weight: weight.constant.x,
+            weight_image: weight.image,
+            roughness: roughness.constant.x,
+            roughness_image: roughness.image,
+        }
+    }
+
     fn one_material(&mut self, material: &MaterialValue, name: &str) -> LoadedMaterial {
         let mut out = LoadedMaterial { specular: 0.0, double_sided: !material.one_sided, ..LoadedMaterial::default() };
         let like = format!("its `{}` becomes a metallic-roughness material that is like it", material.kind.name());
@@ -328,15 +343,8 @@ impl Writer<'_> {
         }
         let opacity = material.opacity.as_ref().map(|opacity| self.look(opacity, false, name).image_of(1));
         let normals = material.normals.as_ref().map(|normals| self.look(normals, true, name).image_of(3));
-        out.coat = material.coat.as_ref().map(|coat| {
-            let (weight, roughness) = (self.look(&coat.weight, false, name), self.look(&coat.roughness, false, name));
-            Coat {
-                weight: weight.constant.x,
-                weight_image: weight.image,
-                roughness: roughness.constant.x,
-                roughness_image: roughness.image,
-            }
-        });
+        out.grain = material.grain.as_ref().map(|grain| self.grain(grain, name));
+        out.coat = material.coat.as_ref().map(|coat| self.coat(coat, name));
         if out.clear.is_none() {
             (out.opacity, out.normals) = (opacity, normals);
         } else if opacity.is_some() {

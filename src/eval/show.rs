@@ -5,7 +5,7 @@ use serde_json::{Map, Value as Json, json};
 use crate::check::types::Ty;
 use crate::natives::value::{DeltaLightValue, GradientEntry, Input, LightValue, MaterialValue, MeshValue, Value};
 use crate::natives::{field, fields_of};
-use crate::render::ClearCoat;
+use crate::render::{ClearCoat, Grain};
 use crate::tape::{Tensor, Var};
 
 /// Elements of an array that are written out.
@@ -194,6 +194,16 @@ fn mesh(m: &MeshValue) -> String {
 fn one_material(m: &MaterialValue) -> String {
     let inputs: Vec<String> = m.kind.inputs().map(|(field, i)| format!("{}: {}", field.name, input(i))).collect();
     let inner = format!("{}({})", m.kind.name(), inputs.join(", "));
+    let inner = match &m.grain {
+        Some(Grain { anisotropy, turn }) => {
+            let turn = match turn {
+                Input::Number(radians) if radians.len() == 1 => brief(&Value::Num(radians.clone()), &Ty::Angle),
+                other => input(other),
+            };
+            format!("brushed({inner}, anisotropy: {}, turn: {turn})", input(anisotropy))
+        }
+        None => inner,
+    };
     let inner = if m.one_sided { format!("one_sided({inner})") } else { inner };
     match &m.coat {
         Some(ClearCoat { weight, roughness }) => {

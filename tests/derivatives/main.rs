@@ -8,6 +8,7 @@ mod dice;
 mod place;
 
 mod absorption;
+mod brushed;
 mod cameras;
 mod caustics;
 mod curved_mirrors;

@@ -147,7 +147,7 @@ impl Row {
             _ => None,
         };
         let share = 0.4 + shift(matches!(self.moves, Moves::Weight));
-        let blend = under.map(|kind| Blend { kind, coat: None, weight: b.scalar(share) });
+        let blend = under.map(|kind| Blend { kind, grain: None, coat: None, weight: b.scalar(share) });
         let weight = 0.6 + shift(matches!(self.moves, Moves::Coat));
         let coat = self.is_coated().then(|| ClearCoat { weight: b.scalar(weight), roughness });
         let tilt = shift(matches!(self.moves, Moves::Tilt));

@@ -34,6 +34,51 @@ let seen = mean(render(eye, spp: 4096, max_bounces: 1))",
     assert_eq!(shown, "coated(diffuse(reflectance: 0), coat: 0.5, coat_roughness: 0.4)");
 }
 
+/// A grain spreads a highlight along itself: head on it reflects in proportion to the density of facets that lie flat, which is 1 / (π αx αy). Its
+/// numbers can be read, replaced and differentiated.
+#[test]
+fn grains_draw_highlights_out() {
+    let mut e = engine(
+        "camera eye { position: [0, 0, 5], look_at: [0, 0, 0], fov: 0.1deg, film: [1, 1] }
+camera aside { position: [0, 0, 5], look_at: [1.5, 0, 0], fov: 0.1deg, film: [1, 1] }
+camera above { position: [0, 0, 5], look_at: [0, 1.5, 0], fov: 0.1deg, film: [1, 1] }
+param grain = 0.6
+param lie = 0deg
+material steel = brushed(conductor(roughness: 0.5, reflectance: 0.9), anisotropy: grain, turn: lie)
+shape plate { mesh: rectangle(width: 9, depth: 9) |> rotate(x: 90deg), material: steel }
+light lamp = point(position: [0, 0, 5], intensity: 100)
+let seen = mean(render(eye, spp: 4, max_bounces: 1))
+let beside = mean(render(aside, spp: 4, max_bounces: 1))
+let over = mean(render(above, spp: 4, max_bounces: 1))",
+    );
+    // I F D / (4 r²) with αx = α + (1 − α) s².
+    let [across, distance2] = [0.25, 25.0];
+    let along = across + (1.0 - across) * 0.36;
+    let peak = 100.0 * 0.9 / (4.0 * std::f64::consts::PI * along * across * distance2);
+    let by_grain = -peak * 2.0 * 0.6 * (1.0 - across) / along;
+    for (text, expected, allowed) in [
+        ("seen", peak, 1e-3),
+        ("seen with { steel.anisotropy: 0 }", peak * along / across, 1e-3),
+        ("seen with { lie: 77deg }", peak, 1e-3),
+        ("grad(seen, grain)", by_grain, 2e-3),
+        ("steel.anisotropy", 0.6, 1e-9),
+        ("steel.turn / 1deg + 90", 90.0, 1e-9),
+        ("(beside with { lie: 90deg }) / over", 1.0, 1e-2),
+        ("(over with { lie: 90deg }) / beside", 1.0, 1e-2),
+    ] {
+        let found = numbers(&mut e, text)[0];
+        assert!((found - expected).abs() <= allowed * expected.abs(), "{text} is {found}, not {expected}");
+    }
+    let [beside, over] = ["beside", "over"].map(|text| numbers(&mut e, text)[0]);
+    assert!(beside > 2.0 * over, "{beside} along the grain and {over} across");
+    let [turned, differed] = ["grad(beside, lie)", "fd(beside, lie, 1e-2)"]
+        .map(|t| numbers(&mut e, &t.replace("beside", "(beside with { steel.turn: lie + 20deg })"))[0]);
+    assert!((turned - differed).abs() < 2e-3 * differed.abs() && turned < 0.0, "{turned} {differed}");
+    let x = expr(&e, "steel");
+    let shown = brief(&eval(&mut e, "steel with { lie: 30deg }"), &x.ty);
+    assert_eq!(shown, "brushed(conductor(reflectance: 0.9, roughness: 0.5), anisotropy: 0.6, turn: 30deg)");
+}
+
 /// A blend is between its materials, in proportion to the weight; their numbers can be read, replaced and differentiated through it.
 #[test]
 fn blends_are_between_their_materials() {

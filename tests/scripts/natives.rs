@@ -291,6 +291,7 @@ const NONE: &[(&str, &[&str])] = &[
             "one_sided",
             "mask",
             "normal_map",
+            "brushed",
             "coated",
             "blend",
             "texture",

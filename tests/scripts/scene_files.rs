@@ -5,7 +5,7 @@ use dscene::mesh::load::{Coat, Loaded, LoadedLightKind, Sheen, Wanted, load, loa
 use serde_json::json;
 
 use crate::gltf::Builder;
-use crate::place::{Place, assert_code, assert_diagnosed, stderr};
+use crate::place::{Place, assert_code, assert_diagnosed, stderr, stdout};
 
 fn read(place: &Place, name: &str) -> Loaded {
     load(&place.path(name), Wanted::Scene).unwrap_or_else(|e| panic!("{e}"))
@@ -343,4 +343,53 @@ fn coats_of_gltf() {
     );
     let output = place.dsl(&["run", "a.dscene", "--out", "run"]);
     assert_code(&output, 0);
+}
+
+/// The anisotropy of a file's material is read with the image of its strength; directions that differ from texel to texel are told by name.
+#[test]
+fn anisotropy_of_gltf() {
+    let place = Place::new();
+    let mut file = Builder::new();
+    // Red and green are the direction, blue the strength.
+    place.write("even.png", encode_bytes(2, 1, 3, &[128, 255, 255, 128, 255, 51]).unwrap());
+    place.write("round.png", encode_bytes(2, 1, 3, &[128, 255, 255, 255, 128, 255]).unwrap());
+    for (i, name) in ["even.png", "round.png"].into_iter().enumerate() {
+        file.add("images", json!({"uri": name}));
+        file.add("textures", json!({"source": i}));
+    }
+    let all = [
+        ("plain", json!({"anisotropyStrength": 0.6, "anisotropyRotation": 0.5})),
+        ("even", json!({"anisotropyStrength": 0.5, "anisotropyTexture": {"index": 0}})),
+        ("round", json!({"anisotropyStrength": 1, "anisotropyTexture": {"index": 1}})),
+        ("none", json!({"anisotropyRotation": 0.5})),
+    ];
+    for (i, (name, anisotropy)) in all.into_iter().enumerate() {
+        file.add("materials", json!({"name": name, "extensions": {"KHR_materials_anisotropy": anisotropy}}));
+        let uvs = file.floats("VEC2", &[0.0, 0.0, 1.0, 0.0, 0.0, 1.0]);
+        let mesh = file.triangle(json!({"TEXCOORD_0": uvs}), json!({"material": i}));
+        file.add("nodes", json!({"mesh": mesh, "name": format!("part {i}")}));
+    }
+    // Without texture coordinates there is no direction.
+    let mesh = file.triangle(json!({}), json!({"material": 0}));
+    file.add("nodes", json!({"mesh": mesh}));
+    file.json["scenes"] = json!([{"nodes": [0, 1, 2, 3, 4]}]);
+    file.json["extensionsRequired"] = json!(["KHR_materials_anisotropy"]);
+    place.write("a.gltf", file.text());
+    let loaded = read(&place, "a.gltf");
+    let told = "a surface is anisotropic in one direction: those of an anisotropyTexture are left out: “round”";
+    let nowhere = "without texture coordinates an image is shown on every face anew, and a normal map or an anisotropy is left out: “a”";
+    assert_eq!(loaded.warnings, [told, nowhere]);
+    place.write(
+        "a.dscene",
+        "let parts = load_shapes(\"a.gltf\")\nlet plain = parts[0].material\nlet even = parts[1].material\n\
+         expect plain.anisotropy ≈ 0.6 within 0.01%\nexpect plain.turn ≈ 0.5rad within 0.01%\n\
+         expect even.turn ≈ 90deg within 1%\nprint parts[0].material, even.anisotropy, parts[3].material, parts[4].material\n\
+         camera eye { position: [0.2, 0.2, 2], look_at: [0.2, 0.2, 0], film: [8, 8] }\n\
+         light sky = constant(1)\nshape a = parts[0]\nshape b = parts[4]\nexpect mean(render(eye, spp: 4)) > 0\n",
+    );
+    let output = place.dsl(&["run", "a.dscene", "--out", "run"]);
+    assert_code(&output, 0);
+    let text = stdout(&output);
+    assert_eq!(text.matches("brushed(").count(), 1, "{text}");
+    assert!(text.contains("brushed(principled(") && text.contains("turn: 28.6"), "{text}");
 }

@@ -13,8 +13,8 @@ use crate::render::interaction::{SurfaceInteraction, d_terminator, terminator};
 use crate::render::light::{LightKind, LightSample};
 use crate::render::mask::{MaskCrossing, MaskWeight};
 use crate::render::{
-    BLEND_WEIGHT, COAT, COAT_ROUGHNESS, Camera, ClearCoat, Input, InputField, LAYER_INPUTS, MAX_INPUTS, MODEL_INPUTS,
-    MaterialKind, Output, Quantity, WEIGHT,
+    ANISOTROPY, BLEND_WEIGHT, COAT, COAT_ROUGHNESS, Camera, ClearCoat, GRAIN, Grain, Input, InputField, LAYER_INPUTS,
+    MAX_INPUTS, MODEL_INPUTS, MaterialKind, Output, Quantity, TURN, WEIGHT,
 };
 
 /// Adjoints of the numbers of one surface interaction.
@@ -281,7 +281,7 @@ pub fn d_intersection(out: &mut Adjoints, si: &SurfaceInteraction, t: f32, mut a
         adj.add_b(d_b);
         let d_b = out.tangent(si.prim, si.b, d.tangent);
         adj.add_b(d_b);
-        (adj.ns, base) = (d.base, mapped.base);
+        (adj.ns, base) = (d.base, mapped.base());
     }
     if si.shading_flip == 0.0 {
         adj.ng += adj.ns;
@@ -334,19 +334,34 @@ pub fn d_inputs(out: &mut Adjoints, si: &SurfaceInteraction, d: &[Vec3; MAX_INPU
         }
     };
     // This runs for every vertex of every path: `inputs` would write down all fields first.
-    let mut of_layer = |kind: &MaterialKind, coat: &Option<ClearCoat>, d: &[Vec3]| {
+    let mut d_turn = 0.0;
+    let mut of_layer = |kind: &MaterialKind, grain: &Option<Grain>, coat: &Option<ClearCoat>, d: &[Vec3]| {
         let mut of_model = d.iter();
         kind.map(|field, input| add(field, *input, of_model.next().copied().unwrap_or_default()));
+        if let Some(grain) = grain {
+            let d = d[GRAIN];
+            add(ANISOTROPY, grain.anisotropy, d);
+            add(TURN, grain.turn, Vec3::X * d.y);
+            d_turn += d.y;
+        }
         if let Some(coat) = coat {
             let d = d[MODEL_INPUTS];
             add(COAT, coat.weight, d);
             add(COAT_ROUGHNESS, coat.roughness, Vec3::X * d.y);
         }
     };
-    of_layer(&material.kind, &material.coat, &d[..LAYER_INPUTS]);
+    of_layer(&material.kind, &material.grain, &material.coat, &d[..LAYER_INPUTS]);
     if let Some(blend) = &material.blend {
-        of_layer(&blend.kind, &blend.coat, &d[LAYER_INPUTS..BLEND_WEIGHT]);
+        of_layer(&blend.kind, &blend.grain, &blend.coat, &d[LAYER_INPUTS..BLEND_WEIGHT]);
         add(WEIGHT, blend.weight, d[BLEND_WEIGHT]);
+    }
+    // Grains turn with the texture coordinates that they are told in.
+    if d_turn != 0.0
+        && let Some([d_ns, d_tangent]) = out.scene.d_grain_axes(si, d_turn)
+    {
+        adj.ns += d_ns;
+        let d_b = out.tangent(si.prim, si.b, d_tangent);
+        adj.add_b(d_b);
     }
 }
 

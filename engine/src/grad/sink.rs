@@ -536,7 +536,7 @@ impl<'a> Adjoints<'a> {
         face.map(|v| normals[v as usize].dot(d))
     }
 
-    /// Adjoint of the interpolated tangent of a shape with a normal map; returns the adjoint of b.
+    /// Adjoint of the interpolated tangent of a shape with a normal map or a grain; returns the adjoint of b.
     pub fn tangent(&mut self, prim: PrimId, b: [f32; 3], d: Vec3) -> [f32; 3] {
         let scene = self.scene;
         let id = scene.prims[prim as usize];

@@ -37,6 +37,14 @@ impl<const N: usize> Dual<N> {
         self.chain(self.value.ln(), 1.0 / self.value)
     }
 
+    pub fn sin(self) -> Dual<N> {
+        self.chain(self.value.sin(), self.value.cos())
+    }
+
+    pub fn cos(self) -> Dual<N> {
+        self.chain(self.value.cos(), -self.value.sin())
+    }
+
     pub fn powi(self, n: i32) -> Dual<N> {
         self.chain(self.value.powi(n), f64::from(n) * self.value.powi(n - 1))
     }

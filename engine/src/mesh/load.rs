@@ -187,6 +187,24 @@ impl Coat {
     }
 }
 
+/// A surface that is rougher in one direction than in the other, as glTF has it: α along it is α + (1 − α) strength².
+#[derive(Clone, Debug, PartialEq)]
+pub struct LoadedGrain {
+    /// From 0 to 1.
+    pub strength: f32,
+    /// One channel.
+    pub strength_image: Option<LoadedImage>,
+    /// Of the rougher direction, in radians, counterclockwise from the tangent.
+    pub rotation: f32,
+}
+
+impl LoadedGrain {
+    /// The strength as a texture of one channel, already multiplied by the number.
+    pub fn strength_texels(&self) -> LoadedImage {
+        texels(self.strength_image.as_ref(), &[self.strength])
+    }
+}
+
 /// A metallic-roughness material. If an input has a texture, the texture multiplies the number.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LoadedMaterial {
@@ -219,6 +237,8 @@ pub struct LoadedMaterial {
     pub clear: Option<Clear>,
     /// If it is cloth: then nothing is metallic, and nothing else mirrors.
     pub sheen: Option<Sheen>,
+    /// Of what mirrors.
+    pub grain: Option<LoadedGrain>,
     /// What lies over it; over what light passes nothing does.
     pub coat: Option<Coat>,
     /// A normal map as glTF has it, in three channels; y is upwards in the picture.
@@ -242,6 +262,7 @@ impl Default for LoadedMaterial {
             opacity: None,
             clear: None,
             sheen: None,
+            grain: None,
             coat: None,
             normals: None,
         }
@@ -255,7 +276,7 @@ impl LoadedMaterial {
             [&self.base_color_image, &self.metallic_image, &self.roughness_image, &self.emissive_image, &self.opacity];
         let varies = |loaded: &LoadedImage| loaded.image.width * loaded.image.height > 1;
         let of_coat = self.coat.iter().flat_map(|coat| [&coat.weight_image, &coat.roughness_image]);
-        self.normals.is_some() || images.into_iter().chain(of_coat).flatten().any(varies)
+        self.normals.is_some() || self.grain.is_some() || images.into_iter().chain(of_coat).flatten().any(varies)
     }
 
     /// Base colour as a texture of three channels, already multiplied by the number; of size 1×1 if the file has no image.
@@ -379,8 +400,7 @@ pub fn decode_mesh(bytes: &[u8], extension: &str, folder: &Path, name: &str, wan
         }
         part.mesh.validate().map_err(|e| e.to_string())?;
         if part.mesh.uvs.is_none() && reading.materials() && part.material.as_ref().is_some_and(|m| m.has_images()) {
-            let sentence =
-                "without texture coordinates an image is shown on every face anew, and a normal map is left out";
+            let sentence = "without texture coordinates an image is shown on every face anew, and a normal map or an anisotropy is left out";
             reading.notes.about(sentence, format!("“{}”", part.name));
         }
     }

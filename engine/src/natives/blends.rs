@@ -31,6 +31,6 @@ pub fn blended(first: &MaterialValue, second: &MaterialValue, weight: Input) -> 
         });
     }
     let other = second.clone();
-    let blend = Some(Blend { kind: other.kind, coat: other.coat, weight });
+    let blend = Some(Blend { kind: other.kind, grain: other.grain, coat: other.coat, weight });
     Ok(MaterialValue { blend, ..first.clone() })
 }

@@ -12,7 +12,7 @@ use crate::mesh::load::{
 use crate::mesh::{Mesh, MeshError};
 use crate::render::bsdf::sheen_roughness_of;
 use crate::render::texture::Filter;
-use crate::render::{ClearCoat, MaterialKind};
+use crate::render::{ClearCoat, Grain, MaterialKind};
 use crate::stop;
 use crate::tape::{Tensor, Var};
 use crate::work;
@@ -120,9 +120,9 @@ impl Converter {
             }
         };
         let mut material = appearance.material.clone();
-        if mesh.uvs.is_none() && material.normals.is_some() {
-            // Like other images, a normal map has no place on a mesh without texture coordinates.
-            material = Arc::new(MaterialValue { normals: None, ..(*material).clone() });
+        if mesh.uvs.is_none() && material.needs_tangents() {
+            // Like other images, a normal map has no place on a mesh without texture coordinates, and a grain no direction.
+            material = Arc::new(MaterialValue { normals: None, grain: None, ..(*material).clone() });
         }
         let mesh = Arc::new(mesh);
         match &appearance.radiance {
@@ -191,7 +191,12 @@ fn appearance(loaded: &LoadedMaterial) -> Appearance {
         let [weight, roughness] = [coat.weight_texels(), coat.roughness_texels()].map(texels);
         ClearCoat { weight, roughness }
     });
-    let material = Arc::new(MaterialValue { coat, one_sided: !loaded.double_sided, opacity, normals, ..kind.into() });
+    let grain = loaded.grain.as_ref().map(|grain| Grain {
+        anisotropy: texels(grain.strength_texels()),
+        turn: Input::Number(Var::from(f64::from(grain.rotation))),
+    });
+    let one_sided = !loaded.double_sided;
+    let material = Arc::new(MaterialValue { grain, coat, one_sided, opacity, normals, ..kind.into() });
     Appearance { material, radiance: loaded.emissive_texels().map(texels), two_sided: loaded.double_sided }
 }
 

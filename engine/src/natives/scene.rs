@@ -5,7 +5,8 @@ use std::sync::Arc;
 use crate::optim::Rule;
 use crate::render::texture::{Filter, Wrap};
 use crate::render::{
-    COAT, COAT_ROUGHNESS, ClearCoat, InputField, MaterialKind, NORMALS, OPACITY, PixelFilter, Quantity, WEIGHT,
+    ANISOTROPY, COAT, COAT_ROUGHNESS, ClearCoat, Grain, InputField, MaterialKind, NORMALS, OPACITY, PixelFilter,
+    Quantity, TURN, WEIGHT,
 };
 use crate::tape::{Slice, Tensor, Var};
 
@@ -47,6 +48,7 @@ pub(super) const TABLE: &[(&str, Native)] = &[
     }),
     ("mask", mask),
     ("normal_map", normal_map),
+    ("brushed", brushed),
     ("coated", coated),
     ("blend", |a| {
         let [first, second] = [material_of(a, 0)?, material_of(a, 1)?];
@@ -246,6 +248,7 @@ fn material_input(a: &Args, field: InputField) -> Result<Input> {
         Quantity::Fraction => 0.0..=1.0,
         Quantity::Index => 1.0..=10.0,
         Quantity::Color | Quantity::Number => 0.0..=LARGEST,
+        Quantity::Angle => -LARGEST..=LARGEST,
     };
     within(a, index, &value, range)?;
     Ok(value)
@@ -317,6 +320,24 @@ fn coated(a: &Args) -> Result<Value> {
     }
     let coat = ClearCoat { weight: material_input(a, COAT)?, roughness: material_input(a, COAT_ROUGHNESS)? };
     Ok(Value::Material(Arc::new(MaterialValue { coat: Some(coat), ..(*inner).clone() })))
+}
+
+/// The material with a grain in its GGX lobe.
+fn brushed(a: &Args) -> Result<Value> {
+    let inner = material_of(a, 0)?;
+    if inner.grain.is_some() {
+        return Err(NativeError::at(0, "this material is brushed already"));
+    }
+    if inner.blend.is_some() {
+        return Err(NativeError::at(0, "grooves are those of one material, and this is a blend of two")
+            .help("brush what it is made of: `blend(brushed(a), b, weight: …)`"));
+    }
+    if !inner.kind.takes_grain() {
+        return Err(NativeError::at(0, format!("`{}` has no GGX lobe that could be drawn out", inner.kind.name()))
+            .help("`conductor`, `principled` and `plastic` have one"));
+    }
+    let grain = Grain { anisotropy: material_input(a, ANISOTROPY)?, turn: material_input(a, TURN)? };
+    Ok(Value::Material(Arc::new(MaterialValue { grain: Some(grain), ..(*inner).clone() })))
 }
 
 /// Why a material has no coat, no normal map and no place in a blend.

@@ -1,8 +1,8 @@
 //! Scattering models: value, adjoint, sampling and density of each material, computed from numbers that were looked up before.
 //!
-//! All models are isotropic: a value depends on the angles between the shading normal `n`, the direction `wi` towards the camera's side
-//! of the path and the direction `wo` in which the path goes on. All three are unit vectors, in any frame. Every function `f` has its
-//! adjoint `d_f` beneath it.
+//! A value depends on the angles between the shading normal `n`, the direction `wi` towards the camera's side of the path and the direction
+//! `wo` in which the path goes on. All three are unit vectors, in any frame. What has a grain (module `brushed`) depends also on how the surface lies about its
+//! normal, and holds its axes, in the same frame. Every function `f` has its adjoint `d_f` beneath it.
 //!
 //! Where a shading normal turns away from `wi` (n·wi < 0), `wi` is mirrored at the tangent plane, and no model tests directions against
 //! the geometric normal. So the reflected radiance is continuous where n·wi changes its sign, and needs no boundary term there.
@@ -10,6 +10,7 @@
 mod albedo;
 mod angles;
 mod blended;
+mod brushed;
 mod cloth;
 mod coat;
 mod coated;
@@ -32,11 +33,12 @@ use std::f32::consts::FRAC_1_PI;
 
 use glam::Vec3;
 
-use crate::math::{cosine_hemisphere, cosine_hemisphere_pdf, luminance};
+use crate::math::{Frame, cosine_hemisphere, cosine_hemisphere_pdf, luminance};
 
 use self::angles::Angles;
 pub use self::angles::DirectionsAdjoint;
 use self::blended::Blended;
+use self::brushed::Grain;
 use self::cloth::Cloth;
 use self::coated::Coated;
 use self::conductor::{Conductor, ConductorIor};
@@ -50,7 +52,9 @@ use self::plastic::Plastic;
 use self::principled::{MAX_SPECULAR, Principled};
 pub use self::rough_dielectric::{FollowedAdjoint, RoughDielectric};
 use self::sheen::Sheen;
-use super::material::{Blend, ClearCoat, Input, InputField, MAX_INPUTS, MODEL_INPUTS, Material, MaterialKind};
+use super::material::{
+    self, Blend, ClearCoat, GRAIN, Input, InputField, MAX_INPUTS, MODEL_INPUTS, Material, MaterialKind,
+};
 
 /// Least roughness of a Phong lobe: an exponent of twenty million, α = 0.0003. In single precision a narrower lobe cannot be told from a
 /// mirror. The reflected light is linear in so small a roughness, so that the derivative at this value is the derivative at zero.
@@ -156,6 +160,7 @@ impl BsdfAdjoint {
     fn add_lobe(&mut self, other: &BsdfAdjoint) {
         self.directions.add(&other.directions);
         add_first(&mut self.d_values, &other.d_values);
+        self.d_values[GRAIN] += other.d_values[GRAIN];
     }
 }
 
@@ -190,10 +195,10 @@ impl RoughnessPair {
 }
 
 impl Material {
-    /// The input of a GGX lobe's roughness; `None` for materials without such a lobe, with a coat over it, or blended with another.
+    /// The input of a GGX lobe's roughness; `None` for materials without such a lobe, with a grain or a coat over it, or blended with another.
     pub fn ggx_roughness(&self) -> Option<Input> {
         match self.kind {
-            _ if self.coat.is_some() || self.blend.is_some() => None,
+            _ if self.grain.is_some() || self.coat.is_some() || self.blend.is_some() => None,
             MaterialKind::Conductor { roughness, .. }
             | MaterialKind::ConductorIor { roughness, .. }
             | MaterialKind::Plastic { roughness, .. }
@@ -208,6 +213,9 @@ impl<I> Material<I> {
     #[inline(always)]
     pub fn try_bsdf<E>(&self, mut value: impl FnMut(InputField, &I) -> Result<Vec3, E>) -> Result<Bsdf, E> {
         let mut bsdf = Bsdf::new(&self.kind.try_map(&mut value)?);
+        if let Some(grain) = &self.grain {
+            bsdf = bsdf.brushed(&grain.try_map(&mut value)?);
+        }
         if let Some(coat) = &self.coat {
             bsdf = bsdf.coated(&coat.try_map(&mut value)?);
         }
@@ -320,6 +328,50 @@ impl Bsdf {
         Bsdf::Layer(Layer::Bare(lobes))
     }
 
+    /// The same with a grain in its GGX lobe, of which the inputs have these values. What has no such lobe has no grain.
+    pub fn brushed(self, grain: &material::Grain<Vec3>) -> Bsdf {
+        match self {
+            Bsdf::Layer(Layer::Bare(lobes)) => {
+                let grain = Grain::new(grain.anisotropy.x.clamp(0.0, 1.0), grain.turn.x);
+                Bsdf::Layer(Layer::Bare(lobes.brushed(grain)))
+            }
+            other => other,
+        }
+    }
+
+    /// Whether it depends on how the surface lies about its normal.
+    #[inline]
+    pub fn has_grain(&self) -> bool {
+        match self {
+            Bsdf::Layer(layer) => layer.lobes().has_grain(),
+            Bsdf::Blended(blended) => blended.layers.iter().any(|layer| layer.lobes().has_grain()),
+            _ => false,
+        }
+    }
+
+    /// The same with another thing made of each of its grains.
+    fn with_grains(mut self, make: impl Fn(Grain) -> Grain) -> Bsdf {
+        let layers = match &mut self {
+            Bsdf::Layer(layer) => std::slice::from_mut(layer),
+            Bsdf::Blended(blended) => &mut blended.layers[..],
+            _ => &mut [],
+        };
+        for grain in layers.iter_mut().filter_map(|layer| layer.lobes_mut().grain_mut()) {
+            *grain = make(*grain);
+        }
+        self
+    }
+
+    /// The same on a surface with this tangent and bitangent, unit vectors perpendicular to each other and to the normal.
+    pub fn laid(self, axes: [Vec3; 2]) -> Bsdf {
+        self.with_grains(|grain| grain.laid(axes))
+    }
+
+    /// The same for directions in the coordinates of a frame.
+    pub fn in_frame(self, frame: &Frame) -> Bsdf {
+        self.with_grains(|grain| grain.in_frame(frame))
+    }
+
     /// The lobes of a model and of the coat over it; `None` of what scatters no light, or in single directions.
     fn layer(self, coat: Option<&ClearCoat<Vec3>>) -> Option<Layer> {
         let under = match self {
@@ -343,7 +395,11 @@ impl Bsdf {
             Bsdf::Layer(layer) => Some(layer),
             other => other.layer(None),
         };
-        match own.zip(Bsdf::new(&blend.kind).layer(blend.coat.as_ref())) {
+        let mut other = Bsdf::new(&blend.kind);
+        if let Some(grain) = &blend.grain {
+            other = other.brushed(grain);
+        }
+        match own.zip(other.layer(blend.coat.as_ref())) {
             Some((a, b)) => Bsdf::Blended(Blended { layers: [a, b], weight: blend.weight.x.clamp(0.0, 1.0) }),
             None => self,
         }
@@ -378,8 +434,12 @@ impl Bsdf {
     ///
     /// Those of a rough dielectric always do: what is seen through it moves with its index and its normals, as through a smooth one.
     pub fn is_attached(&self) -> bool {
-        self.is_rough_dielectric()
-            || !self.is_delta() && self.roughness_alpha().is_some_and(|alpha| alpha < ATTACHED_ALPHA)
+        match self {
+            Bsdf::RoughDielectric(_) => true,
+            Bsdf::Layer(layer) => layer.is_narrow(),
+            Bsdf::Blended(blended) => blended.is_narrow(),
+            _ => false,
+        }
     }
 
     /// The same for light that comes from outside of a body, or from inside.
@@ -522,14 +582,14 @@ impl Bsdf {
     #[inline(always)]
     pub fn add_values(&self, d: &mut [Vec3; MAX_INPUTS], more: &[Vec3; MAX_INPUTS]) {
         add_first(d, more);
-        if matches!(self, Bsdf::Layer(Layer::Coated(_)) | Bsdf::Blended(_)) {
+        if matches!(self, Bsdf::Layer(Layer::Coated(_)) | Bsdf::Blended(_)) || self.has_grain() {
             for (a, b) in d[MODEL_INPUTS..].iter_mut().zip(&more[MODEL_INPUTS..]) {
                 *a += *b;
             }
         }
     }
 
-    /// Samples a direction in the frame of the shading normal (+z). `u[2]` chooses the lobe of a mixture. Delta lobes have no samples here:
+    /// Samples a direction in the frame of the shading normal (+z), in which the grain has its axes as well. `u[2]` chooses the lobe of a mixture. Delta lobes have no samples here:
     /// [`SurfaceInteraction::sample`](super::interaction::SurfaceInteraction::sample) knows their directions.
     pub fn sample(&self, wi: Vec3, u: [f32; 3]) -> Option<BsdfSample> {
         let wi = Vec3::new(wi.x, wi.y, wi.z.abs());
@@ -577,7 +637,7 @@ impl Bsdf {
         }
     }
 
-    /// How to sample the derivative of the GGX lobe in its roughness; `None` without such a lobe, with a coat over it, or in a blend.
+    /// How to sample the derivative of the GGX lobe in its roughness; `None` without such a lobe, with a grain or a coat over it, or in a blend.
     pub fn roughness_pair(&self) -> Option<RoughnessPair> {
         match self {
             Bsdf::Layer(Layer::Bare(lobes)) => lobes.roughness_pair(),
@@ -617,7 +677,7 @@ impl Bsdf {
     }
 
     /// Width α of the specular lobe, comparable to that of a Beckmann distribution, or of the narrowest one under and of a coat; 0 for delta
-    /// lobes, `None` without a specular lobe.
+    /// lobes, `None` without a specular lobe. What has a grain counts as wide as it is on the whole.
     pub fn roughness_alpha(&self) -> Option<f32> {
         match self {
             Bsdf::Black | Bsdf::Diffuse { .. } => None,

@@ -54,6 +54,8 @@ pub(crate) struct ShapeShading {
     pub smooth: bool,
     /// The material has a normal map.
     pub mapped: bool,
+    /// The material has a grain.
+    pub grained: bool,
 }
 
 impl ShapeShading {
@@ -72,6 +74,7 @@ impl ShapeShading {
             one_sided: shape.material.one_sided,
             smooth: shape.mesh.normals.is_some(),
             mapped: shape.material.normals.is_some(),
+            grained: shape.material.grains().next().is_some(),
         }
     }
 }

@@ -97,6 +97,7 @@ impl Scene {
             None => self.bsdf(&self.description.shapes[facet.shape as usize].material, prim, b),
         };
         let bsdf = if self.has_glass { bsdf.seen_from(flip > 0.0) } else { bsdf };
+        let bsdf = if shading.grained { bsdf.laid(self.grain_axes(prim, b, ns, flip)) } else { bsdf };
         let emission =
             if shading.emits && (shading.two_sided || flip > 0.0) { self.emitted(prim, b) } else { Vec3::ZERO };
         SurfaceInteraction {
@@ -286,7 +287,11 @@ impl SurfaceInteraction {
             }
             _ => {
                 let frame = Frame::from_normal(self.ns);
-                let sample = self.bsdf.sample(frame.to_local(self.wi), u)?;
+                let wi = frame.to_local(self.wi);
+                let sample = match self.bsdf.has_grain() {
+                    false => self.bsdf.sample(wi, u)?,
+                    true => self.bsdf.in_frame(&frame).sample(wi, u)?,
+                };
                 let wo = frame.to_world(sample.wo);
                 Some(BsdfSample { wo, f: sample.f * self.terminator(wo), ..sample })
             }

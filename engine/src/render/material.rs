@@ -10,8 +10,10 @@ pub type TextureId = usize;
 /// The most inputs a scattering model has.
 pub const MODEL_INPUTS: usize = 4;
 /// The places that a model and the coat over it have among derivatives: one for each input of the model, then one for the coat, with its weight
-/// in the first channel and its roughness in the second.
-pub const LAYER_INPUTS: usize = MODEL_INPUTS + 1;
+/// in the first channel and its roughness in the second, and one for the grain, with its anisotropy and its turn.
+pub const LAYER_INPUTS: usize = MODEL_INPUTS + 2;
+/// The place of the grain among those of its layer.
+pub const GRAIN: usize = MODEL_INPUTS + 1;
 /// The places of all inputs that say how a surface scatters light: those of its layer, of the one that it is blended with, and of the weight
 /// of that.
 pub const MAX_INPUTS: usize = 2 * LAYER_INPUTS + 1;
@@ -64,6 +66,8 @@ pub enum Quantity {
     Number,
     /// A refractive index relative to the air around, at least 1, in the first channel.
     Index,
+    /// In radians, in the first channel.
+    Angle,
 }
 
 /// A surface material: the closed set of scattering models with their inputs. An input is what the stage of the program makes of it:
@@ -158,6 +162,12 @@ pub enum MaterialKind<I = Input> {
 }
 
 impl<I> MaterialKind<I> {
+    /// Whether it has a GGX lobe that reflects, which can have a grain.
+    pub fn takes_grain(&self) -> bool {
+        use MaterialKind::{Conductor, ConductorIor, Plastic, Principled};
+        matches!(self, Conductor { .. } | ConductorIor { .. } | Plastic { .. } | Principled { .. })
+    }
+
     /// What the language calls the constructor; of what reflects nothing there is none.
     pub fn name(&self) -> &'static str {
         match self {
@@ -286,12 +296,49 @@ fn of_coat<I>(coat: &Option<ClearCoat<I>>) -> impl Iterator<Item = (InputField, 
     coat.iter().flat_map(|coat| [(COAT, &coat.weight), (COAT_ROUGHNESS, &coat.roughness)])
 }
 
+/// A grain: the microfacets of a GGX lobe are rougher along one direction of the surface than across it, as those of brushed metal are.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Grain<I = Input> {
+    /// From 0, as rough along it as across, to 1: α along it is α + (1 − α) anisotropy².
+    pub anisotropy: I,
+    /// Of the direction, counterclockwise from the tangent, along which the texture coordinate u grows, in radians.
+    pub turn: I,
+}
+
+/// How much rougher a surface is along its grain.
+pub const ANISOTROPY: InputField = InputField { name: "anisotropy", quantity: Quantity::Fraction };
+/// Which way the grain lies.
+pub const TURN: InputField = InputField { name: "turn", quantity: Quantity::Angle };
+
+impl<I> Grain<I> {
+    /// The same grain with something made of both inputs, one after the other.
+    pub fn try_map<'a, J, E>(&'a self, mut make: impl FnMut(InputField, &'a I) -> Result<J, E>) -> Result<Grain<J>, E> {
+        Ok(Grain { anisotropy: make(ANISOTROPY, &self.anisotropy)?, turn: make(TURN, &self.turn)? })
+    }
+}
+
+/// The inputs of a grain, if there is one.
+fn of_grain<I>(grain: &Option<Grain<I>>) -> impl Iterator<Item = (InputField, &I)> {
+    grain.iter().flat_map(|grain| [(ANISOTROPY, &grain.anisotropy), (TURN, &grain.turn)])
+}
+
+/// The inputs of a model, of its grain and of the coat over it.
+fn of_layer<'a, I>(
+    kind: &'a MaterialKind<I>,
+    grain: &'a Option<Grain<I>>,
+    coat: &'a Option<ClearCoat<I>>,
+) -> impl Iterator<Item = (InputField, &'a I)> {
+    kind.inputs().chain(of_grain(grain)).chain(of_coat(coat))
+}
+
 /// What a surface is made of beside its own model: rust in paint, moss on stone, the dirt of a street. Both reflect light in proportion to
 /// their shares, as if they lay side by side in spots too small to be seen.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Blend<I = Input> {
     /// The other model, whose lobes have a width as those of the surface's own.
     pub kind: MaterialKind<I>,
+    /// The grain of the other model.
+    pub grain: Option<Grain<I>>,
     /// The coat over the other model.
     pub coat: Option<ClearCoat<I>>,
     /// The share of the other model, from 0, none of it, to 1, nothing else.
@@ -305,8 +352,9 @@ impl<I> Blend<I> {
     /// The same blend with something made of every input, one after the other.
     pub fn try_map<'a, J, E>(&'a self, mut make: impl FnMut(InputField, &'a I) -> Result<J, E>) -> Result<Blend<J>, E> {
         let kind = self.kind.try_map(&mut make)?;
+        let grain = self.grain.as_ref().map(|grain| grain.try_map(&mut make)).transpose()?;
         let coat = self.coat.as_ref().map(|coat| coat.try_map(&mut make)).transpose()?;
-        Ok(Blend { kind, coat, weight: make(WEIGHT, &self.weight)? })
+        Ok(Blend { kind, grain, coat, weight: make(WEIGHT, &self.weight)? })
     }
 }
 
@@ -315,6 +363,8 @@ impl<I> Blend<I> {
 pub struct Material<I = Input> {
     /// The scattering model and its inputs.
     pub kind: MaterialKind<I>,
+    /// The grain of its GGX lobe, of models that have one.
+    pub grain: Option<Grain<I>>,
     /// The coat over it, of models whose lobes have a width.
     pub coat: Option<ClearCoat<I>>,
     /// What it is blended with, of models whose lobes have a width.
@@ -339,11 +389,12 @@ impl<I> Material<I> {
         mut make: impl FnMut(InputField, &'a I) -> Result<J, E>,
     ) -> Result<Material<J>, E> {
         let kind = self.kind.try_map(&mut make)?;
+        let grain = self.grain.as_ref().map(|grain| grain.try_map(&mut make)).transpose()?;
         let coat = self.coat.as_ref().map(|coat| coat.try_map(&mut make)).transpose()?;
         let blend = self.blend.as_ref().map(|blend| blend.try_map(&mut make)).transpose()?;
         let opacity = self.opacity.as_ref().map(|opacity| make(OPACITY, opacity)).transpose()?;
         let normals = self.normals.as_ref().map(|normals| make(NORMALS, normals)).transpose()?;
-        Ok(Material { kind, coat, blend, one_sided: self.one_sided, opacity, normals })
+        Ok(Material { kind, grain, coat, blend, one_sided: self.one_sided, opacity, normals })
     }
 
     /// As [`Material::try_map`], of what cannot fail.
@@ -352,13 +403,24 @@ impl<I> Material<I> {
         material
     }
 
-    /// The inputs that say how the surface scatters light: those of the model and of the coat, then those of what it is blended with.
+    /// The inputs that say how the surface scatters light: those of the model, of its grain and of the coat, then those of what it is blended
+    /// with.
     pub fn scattering_inputs(&self) -> impl Iterator<Item = (InputField, &I)> {
         let other = self
             .blend
             .iter()
-            .flat_map(|blend| blend.kind.inputs().chain(of_coat(&blend.coat)).chain([(WEIGHT, &blend.weight)]));
-        self.kind.inputs().chain(of_coat(&self.coat)).chain(other)
+            .flat_map(|blend| of_layer(&blend.kind, &blend.grain, &blend.coat).chain([(WEIGHT, &blend.weight)]));
+        of_layer(&self.kind, &self.grain, &self.coat).chain(other)
+    }
+
+    /// The grains of its layers.
+    pub fn grains(&self) -> impl Iterator<Item = &Grain<I>> {
+        self.grain.iter().chain(self.blend.iter().flat_map(|blend| &blend.grain))
+    }
+
+    /// Whether it reads the directions of the texture coordinates: its normal map or a grain.
+    pub fn needs_tangents(&self) -> bool {
+        self.normals.is_some() || self.grains().next().is_some()
     }
 
     /// [`Material::scattering_inputs`], then the opacity of a material with holes, then the normal map.
@@ -373,8 +435,9 @@ impl<I: Clone> Material<I> {
     /// The two materials of a blend as they are by themselves: on the same sides, without its holes and its normal map.
     pub fn parts(&self) -> Option<[Material<I>; 2]> {
         let blend = self.blend.as_ref()?;
-        let layers = [(&self.kind, &self.coat), (&blend.kind, &blend.coat)];
-        Some(layers.map(|(kind, coat)| Material {
+        let layers = [(&self.kind, &self.grain, &self.coat), (&blend.kind, &blend.grain, &blend.coat)];
+        Some(layers.map(|(kind, grain, coat)| Material {
+            grain: grain.clone(),
             coat: coat.clone(),
             one_sided: self.one_sided,
             ..kind.clone().into()
@@ -383,8 +446,8 @@ impl<I: Clone> Material<I> {
 }
 
 impl<I> From<MaterialKind<I>> for Material<I> {
-    /// Opaque, without a coat or a normal map, not blended with another, and the same on both sides.
+    /// Opaque, without a grain, a coat or a normal map, not blended with another, and the same on both sides.
     fn from(kind: MaterialKind<I>) -> Material<I> {
-        Material { kind, coat: None, blend: None, one_sided: false, opacity: None, normals: None }
+        Material { kind, grain: None, coat: None, blend: None, one_sided: false, opacity: None, normals: None }
     }
 }

@@ -31,6 +31,7 @@ pub mod sensor;
 pub mod sky;
 mod sobol;
 pub mod specular;
+mod surface_axes;
 mod tangents;
 pub mod texture;
 mod validate;

@@ -2,16 +2,14 @@
 //!
 //! A texel says where the normal points in a frame of the surface, as glTF has it: x along the tangent, the direction in which the texture
 //! coordinate u grows, y along the bitangent, upwards in the picture, in which v falls, z along the normal that the mesh has there.
-//! Frames are continuous across the edges of a smooth mesh, or there would be jumps of radiance at each of them: tangents are means at
-//! vertices, interpolated and made perpendicular to the interpolated normal (as in MikkTSpace, whose means are weighted by angles).
+//! Frames are continuous across the edges of a smooth mesh ([`SurfaceAxes`]), or there would be jumps of radiance at each of them.
 
 use glam::Vec3;
 
 use super::accel::PrimId;
-use super::facets::Prim;
 use super::interaction::SurfaceInteraction;
 use super::material::Input;
-use super::scene::Shape;
+use super::surface_axes::SurfaceAxes;
 use super::world::Scene;
 
 /// Least z of a mapped normal before normalisation: further away from the mesh's normal, it might point below the face, where the reflection
@@ -25,15 +23,8 @@ pub(crate) struct MappedNormal {
     /// The unit normal: (flip·x T + y B + z N) / length, with the tangent T and B = s N × T.
     pub normal: Vec3,
     length: f32,
-    /// The shading normal that the mesh has, N.
-    pub base: Vec3,
-    /// The interpolated tangent, and the length of its part perpendicular to N.
-    raw: Vec3,
-    raw_length: f32,
-    tangent: Vec3,
-    bitangent: Vec3,
-    /// −1 where the picture is mirrored.
-    s: f32,
+    /// Of the shading normal that the mesh has, N.
+    axes: SurfaceAxes,
     flip: f32,
     /// Components x, y, z, and whether z is what the texel says.
     xyz: Vec3,
@@ -58,18 +49,24 @@ impl MappedNormal {
     /// Adjoint of the normal.
     pub fn adjoint(&self, d_normal: Vec3) -> MappedNormalAdjoint {
         let d = (d_normal - self.normal * self.normal.dot(d_normal)) / self.length;
-        let d_z = if self.z_is_free { self.base.dot(d) } else { 0.0 };
-        let d_xyz = Vec3::new(self.flip * self.tangent.dot(d), self.bitangent.dot(d), d_z);
-        let d_bitangent = d * (self.xyz.y * self.s);
-        let d_tangent = d * (self.flip * self.xyz.x) + d_bitangent.cross(self.base);
-        let d_raw = (d_tangent - self.tangent * self.tangent.dot(d_tangent)) / self.raw_length;
-        let along = self.base.dot(d_raw);
-        let by_frame = self.tangent.cross(d_bitangent) - d_raw * self.base.dot(self.raw) - self.raw * along;
+        let SurfaceAxes { normal: base, tangent, bitangent, s, raw, raw_length } = self.axes;
+        let d_z = if self.z_is_free { base.dot(d) } else { 0.0 };
+        let d_xyz = Vec3::new(self.flip * tangent.dot(d), bitangent.dot(d), d_z);
+        let d_bitangent = d * (self.xyz.y * s);
+        let d_tangent = d * (self.flip * self.xyz.x) + d_bitangent.cross(base);
+        let d_raw = (d_tangent - tangent * tangent.dot(d_tangent)) / raw_length;
+        let along = base.dot(d_raw);
+        let by_frame = tangent.cross(d_bitangent) - d_raw * base.dot(raw) - raw * along;
         MappedNormalAdjoint {
             value: d_xyz * 2.0,
             base: if is_flat(self.xyz) { d_normal } else { d * self.xyz.z + by_frame },
-            tangent: d_raw - self.base * along,
+            tangent: d_raw - base * along,
         }
+    }
+
+    /// The shading normal that the mesh has.
+    pub fn base(&self) -> Vec3 {
+        self.axes.normal
     }
 }
 
@@ -77,39 +74,15 @@ impl Scene {
     /// The mapped normal at a point of a shape with a normal map, given the mesh's shading normal there; `None` where the map is flat or the
     /// texture coordinates give no direction: there the normal remains as it is.
     pub(crate) fn mapped_normal(&self, prim: PrimId, b: [f32; 3], base: Vec3, flip: f32) -> Option<MappedNormal> {
-        let Prim { shape, face } = self.prims[prim as usize];
-        let Shape { mesh, material, .. } = &self.description.shapes[shape as usize];
-        let (input, tangents) = (material.normals?, self.tangents[shape as usize].as_ref()?);
-        let corners = mesh.faces[face as usize];
-        let raw: Vec3 = corners.iter().zip(b).map(|(&v, b)| tangents.by_vertex[v as usize] * b).sum();
-        let across = raw - base * base.dot(raw);
-        let raw_length = across.length();
-        // In space N × T points where v falls, if u and v turn as right and down do in a picture.
-        let s = -tangents.turns[face as usize];
-        if !(raw_length > 0.0 && s != 0.0) {
-            return None;
-        }
-        let tangent = across / raw_length;
-        let bitangent = base.cross(tangent) * s;
+        let shape = self.prims[prim as usize].shape as usize;
+        let input = self.description.shapes[shape].material.normals?;
+        let axes = self.surface_axes(prim, b, base)?;
         let texel = self.lookup(input, prim, b) * 2.0 - Vec3::ONE;
         let xyz = texel.with_z(texel.z.max(MIN_Z));
-        let sum = tangent * (flip * xyz.x) + bitangent * xyz.y + base * xyz.z;
+        let sum = axes.tangent * (flip * xyz.x) + axes.bitangent * xyz.y + base * xyz.z;
         let length = sum.length();
         let normal = if is_flat(xyz) { base } else { sum / length };
-        Some(MappedNormal {
-            input,
-            normal,
-            length,
-            base,
-            raw,
-            raw_length,
-            tangent,
-            bitangent,
-            s,
-            flip,
-            xyz,
-            z_is_free: texel.z >= MIN_Z,
-        })
+        Some(MappedNormal { input, normal, length, axes, flip, xyz, z_is_free: texel.z >= MIN_Z })
     }
 
     /// The mapped normal of an interaction, with what it is made of.

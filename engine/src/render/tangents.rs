@@ -1,4 +1,4 @@
-//! Tangents of meshes, in whose frames normal maps tell normals.
+//! Tangents of meshes, in whose frames normal maps tell normals and along which grains lie.
 
 use glam::{Vec2, Vec3};
 
@@ -46,9 +46,11 @@ fn sign(x: f32) -> f32 {
 }
 
 impl Tangents {
-    /// Of a shape whose material has a normal map and whose mesh has texture coordinates.
+    /// Of a shape whose material has a normal map or a grain and whose mesh has texture coordinates.
     pub fn new(shape: &Shape) -> Option<Tangents> {
-        shape.material.normals?;
+        if !shape.material.needs_tangents() {
+            return None;
+        }
         let mesh = &shape.mesh;
         let uvs = mesh.uvs.as_ref()?;
         memory::need((size_of::<Vec3>() + 2 * size_of::<u32>()) as u64 * mesh.vertices.len() as u64);

@@ -210,6 +210,16 @@ fn validate_inputs(shape: &Shape, textures: &[Texture]) -> Result<(), String> {
             }
         }
     }
+    let other = shape.material.blend.iter().map(|blend| (&blend.kind, &blend.grain));
+    let layers = [(&shape.material.kind, &shape.material.grain)].into_iter().chain(other);
+    for (kind, _) in layers.filter(|(_, grain)| grain.is_some()) {
+        if !kind.takes_grain() {
+            return Err(format!("a grain is one of GGX lobes, and `{}` has none", kind.name()));
+        }
+        if mesh.uvs.is_none() {
+            return Err("the material has a grain, but the mesh has no texture coordinates".into());
+        }
+    }
     if let Some(normals) = shape.material.normals {
         if !shape.material.kind.is_layer() {
             return Err(format!(

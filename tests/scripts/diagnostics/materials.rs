@@ -9,11 +9,13 @@ pub const CASES: &[Case] = &[
         script: "\
 material a = principled(base_color: 0.5, clearcoat: 1)
 material b = plastic(diffuse: 0.5, bump: image([[0, 1]]))
-material c = diffuse(opacity: 0.5)",
+material c = diffuse(opacity: 0.5)
+material d = conductor(roughness: 0.2, anisotropy: 0.5)",
         wanted: &[
             ("dscene::call::unknown_argument", "clearcoat", "`coated(principled(…), …)`"),
             ("dscene::call::unknown_argument", "bump", "`bump(plastic(…), …)`"),
             ("dscene::call::unknown_argument", "opacity", "`mask(diffuse(…), …)`"),
+            ("dscene::call::unknown_argument", "anisotropy", "`brushed(conductor(…), …)`"),
         ],
     },
     Case {

@@ -324,7 +324,7 @@ impl<'a> Shadows<'a> {
                 let frame = Frame::from_normal(si.ns);
                 let local = frame.to_local(towards);
                 let local = Vec3::new(local.x, local.y, local.z.abs());
-                let Some((wo, pdf)) = sample_direction(&si.bsdf, local, sampler) else { break };
+                let Some((wo, pdf)) = sample_direction(&si.bsdf.in_frame(&frame), local, sampler) else { break };
                 let away = frame.to_world(wo).normalize();
                 if !si.sides_agree(away) {
                     break;

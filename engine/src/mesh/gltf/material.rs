@@ -10,7 +10,7 @@ use serde_json::Value;
 
 use crate::image::file::Encoding;
 use crate::image::{Image, Wrap};
-use crate::mesh::load::{Clear, Coat, LoadedImage, LoadedMaterial, Sheen};
+use crate::mesh::load::{Clear, Coat, LoadedGrain, LoadedImage, LoadedMaterial, Sheen};
 use crate::mesh::reading::Reading;
 
 use super::accessor::Accessors;
@@ -61,6 +61,7 @@ impl Materials {
         let emissive = image(material.emissive_texture(), Encoding::Srgb);
         let normals = self.normals(material, at, &name, accessors, reading);
         let coat = self.coat(material, at, &name, accessors, reading);
+        let grain = self.grain(material, at, &name, accessors, reading);
         let [r, g, b, alpha] = pbr.base_color_factor();
         let ior = material.ior().unwrap_or(1.5);
         let reflectance = if ior > 0.0 { ((ior - 1.0) / (ior + 1.0)).powi(2) } else { 1.0 };
@@ -80,16 +81,21 @@ impl Materials {
             opacity: opacity(material, base_color.as_ref(), alpha),
             clear: clear(material, &name, reading),
             sheen: sheen(material, &name, reading),
+            grain,
             coat,
             normals,
         };
         if material.unlit() {
             // An unlit material shows its colour whatever the light: it emits that colour and reflects nothing.
             (made.emissive, made.emissive_image) = (made.base_color, made.base_color_image.take());
-            (made.base_color, made.metallic, made.specular, made.coat) = (Vec3::ZERO, 0.0, 0.0, None);
+            (made.base_color, made.metallic, made.specular) = (Vec3::ZERO, 0.0, 0.0);
+            (made.coat, made.grain) = (None, None);
         }
         if made.clear.is_some() {
             (made.normals, made.opacity, made.sheen, made.coat) = (None, None, None, None);
+        }
+        if (made.clear.is_some() || made.sheen.is_some()) && made.grain.take().is_some() && reading.materials() {
+            reading.notes.about("the anisotropy of glass and of cloth (KHR_materials_anisotropy) is left out", &name);
         }
         let numbers = [made.metallic, made.roughness, made.specular];
         if !(made.base_color.is_finite() && made.emissive.is_finite() && numbers.iter().all(|n| n.is_finite())) {
@@ -136,16 +142,53 @@ impl Materials {
                 "a clear coat has the normals of what is under it: its own (clearcoatNormalTexture) are left out";
             reading.notes.about(sentence, whose);
         }
-        let mut image = |name: &str, channel: usize| -> Option<LoadedImage> {
-            let map = written.get(name)?;
-            let texture = accessors.document.textures().nth(usize::try_from(map["index"].as_u64()?).ok()?)?;
-            let transform = map.get("extensions").and_then(|all| all.get("KHR_texture_transform"));
-            tell_of_placement(map["texCoord"].as_u64(), transform, at, whose, reading);
-            Some(self.image(&texture, Encoding::Linear, whose, accessors, reading)?.channels(channel, 1))
+        let mut image = |name: &str, channel: usize| {
+            Some(self.extension_image(written.get(name)?, at, whose, accessors, reading)?.channels(channel, 1))
         };
         let weight_image = image("clearcoatTexture", 0);
         let roughness_image = image("clearcoatRoughnessTexture", 1);
         Some(Coat { weight, weight_image, roughness, roughness_image })
+    }
+
+    /// The anisotropy, with the image of its strength: the blue channel.
+    fn grain(
+        &mut self,
+        material: &gltf::Material,
+        at: (u32, UvTransform),
+        whose: &str,
+        accessors: &Accessors,
+        reading: &mut Reading,
+    ) -> Option<LoadedGrain> {
+        let written = material.extension_value(ANISOTROPY)?;
+        let strength = written["anisotropyStrength"].as_f64().map_or(0.0, |x| x.clamp(0.0, 1.0) as f32);
+        let rotation = written["anisotropyRotation"].as_f64().map_or(0.0, |x| x as f32);
+        if strength == 0.0 || !rotation.is_finite() {
+            return None;
+        }
+        let map = written.get("anisotropyTexture");
+        let image = map.and_then(|map| self.extension_image(map, at, whose, accessors, reading));
+        let turned = image.as_ref().map_or(Some(0.0), |image| one_direction(&image.channels(0, 2)));
+        if turned.is_none() && reading.materials() {
+            let sentence = "a surface is anisotropic in one direction: those of an anisotropyTexture are left out";
+            reading.notes.about(sentence, whose);
+        }
+        let rotation = rotation + turned.unwrap_or(0.0);
+        Some(LoadedGrain { strength, strength_image: image.map(|image| image.channels(2, 1)), rotation })
+    }
+
+    /// The image that a texture of an extension names.
+    fn extension_image(
+        &mut self,
+        map: &Value,
+        at: (u32, UvTransform),
+        whose: &str,
+        accessors: &Accessors,
+        reading: &mut Reading,
+    ) -> Option<LoadedImage> {
+        let texture = accessors.document.textures().nth(usize::try_from(map["index"].as_u64()?).ok()?)?;
+        let transform = map.get("extensions").and_then(|all| all.get("KHR_texture_transform"));
+        tell_of_placement(map["texCoord"].as_u64(), transform, at, whose, reading);
+        self.image(&texture, Encoding::Linear, whose, accessors, reading)
     }
 
     fn image(
@@ -188,6 +231,14 @@ impl Materials {
     }
 }
 
+/// The angle of the directions of an image, x and y from −1 to 1 in two channels, if all are the same but for the rounding of a file's bytes.
+fn one_direction(image: &LoadedImage) -> Option<f32> {
+    let direction = |texel: &[f32]| [0, 1].map(|c| 2.0 * texel[c] - 1.0);
+    let mut all = image.image.data.chunks_exact(2).map(direction);
+    let [x, y] = all.next()?;
+    all.all(|other| (other[0] - x).abs().max((other[1] - y).abs()) < 0.02).then(|| y.atan2(x))
+}
+
 /// What is beyond the border of an image, and whether its nearest texel is used.
 fn sampler(texture: &gltf::Texture, whose: &str, reading: &mut Reading) -> (Wrap, bool) {
     let sampler = texture.sampler();
@@ -218,7 +269,8 @@ fn tell(material: &gltf::Material, name: &str, reading: &mut Reading) {
         }
     }
     let known = |name: &str| {
-        matches!(name, TRANSMISSION | VOLUME) && transmission(material).is_some() || [SHEEN, CLEARCOAT].contains(&name)
+        matches!(name, TRANSMISSION | VOLUME) && transmission(material).is_some()
+            || [SHEEN, CLEARCOAT, ANISOTROPY].contains(&name)
     };
     for extension in material.extensions().into_iter().flat_map(|e| e.keys()).filter(|name| !known(name)) {
         notes.about("extensions of materials are left out", format!("{extension} of {name}"));
@@ -229,6 +281,7 @@ const TRANSMISSION: &str = "KHR_materials_transmission";
 const VOLUME: &str = "KHR_materials_volume";
 const SHEEN: &str = "KHR_materials_sheen";
 const CLEARCOAT: &str = "KHR_materials_clearcoat";
+const ANISOTROPY: &str = "KHR_materials_anisotropy";
 
 /// Of a surface that lets most of the light through (KHR_materials_transmission), how much, and whether a body is behind it: its
 /// KHR_materials_volume then has a thickness. (Without one glTF means a thin wall, which does not refract.)

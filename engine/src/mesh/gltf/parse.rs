@@ -11,7 +11,7 @@ use crate::image::file::read_bytes;
 use crate::mesh::reading::{Notes, Reading, without_mark};
 
 /// Supported extensions. Where support is partial, the missing features are reported where they occur.
-const DONE: [&str; 12] = [
+const DONE: [&str; 13] = [
     "KHR_lights_punctual",
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",
@@ -23,6 +23,7 @@ const DONE: [&str; 12] = [
     "KHR_materials_pbrSpecularGlossiness",
     "KHR_materials_sheen",
     "KHR_materials_clearcoat",
+    "KHR_materials_anisotropy",
     "KHR_materials_transmission",
     "KHR_materials_volume",
 ];

@@ -11,8 +11,8 @@ use crate::image::file::{Encoding, encode_wide_png};
 use crate::image::filter::resize;
 use crate::image::{Image, ImageError, Wrap};
 use crate::mesh::load::{
-    Clear, Coat, Loaded, LoadedCamera, LoadedImage, LoadedLight, LoadedLightKind, LoadedMaterial, LoadedPart,
-    LoadedProjection, Sheen,
+    Clear, Coat, Loaded, LoadedCamera, LoadedGrain, LoadedImage, LoadedLight, LoadedLightKind, LoadedMaterial,
+    LoadedPart, LoadedProjection, Sheen,
 };
 use crate::mesh::reading::Notes;
 
@@ -168,6 +168,9 @@ impl Writer {
         if let Some(coat) = &material.coat {
             extensions[self.uses("KHR_materials_clearcoat")] = self.coat(coat, material)?;
         }
+        if let Some(grain) = &material.grain {
+            extensions[self.uses("KHR_materials_anisotropy")] = self.grain(grain, material)?;
+        }
         if extensions.as_object().is_some_and(|all| !all.is_empty()) {
             out["extensions"] = extensions;
         }
@@ -264,6 +267,17 @@ impl Writer {
             let texture = json!({ "index": self.texture(&joined, Encoding::Linear)? });
             out["clearcoatTexture"] = texture.clone();
             out["clearcoatRoughnessTexture"] = texture;
+        }
+        Ok(out)
+    }
+
+    /// The anisotropy: the image of its strength is the blue channel of one whose red and green say that it lies along the tangent.
+    fn grain(&mut self, grain: &LoadedGrain, material: &LoadedMaterial) -> Result<Value, ImageError> {
+        let mut out = json!({ "anisotropyStrength": grain.strength, "anisotropyRotation": grain.rotation });
+        if let Some(strength) = &grain.strength_image {
+            let [along, across] = [1.0, 0.5].map(|x| LoadedImage::constant(&[x]));
+            let joined = self.joined(&[&along, &across, strength], material)?;
+            out["anisotropyTexture"] = json!({ "index": self.texture(&joined, Encoding::Linear)? });
         }
         Ok(out)
     }
@@ -550,6 +564,11 @@ mod tests {
         optional(&read.opacity, &written.opacity, "opacity");
         optional(&read.normals, &written.normals, "normals");
         assert_eq!(read.sheen, written.sheen, "{name}");
+        let [a, b] = [read, written].map(|m| m.grain.as_ref());
+        let strength = |grain: Option<&LoadedGrain>| grain.map(LoadedGrain::strength_texels);
+        optional(&strength(a), &strength(b), "anisotropy");
+        let [a, b] = [a, b].map(|grain| grain.map_or(0.0, |grain| grain.rotation));
+        assert!((a - b).abs() < 5e-3, "{name}: turned by {a} and not {b}");
         let of_coat = |m: &LoadedMaterial, texels: fn(&Coat) -> LoadedImage| m.coat.as_ref().map(texels);
         optional(&of_coat(read, Coat::weight_texels), &of_coat(written, Coat::weight_texels), "coat");
         let roughness = [read, written].map(|m| of_coat(m, Coat::roughness_texels));
@@ -583,6 +602,10 @@ mod tests {
 
     fn coat(weight: f32, image: Option<LoadedImage>, roughness: f32, rough: Option<LoadedImage>) -> Coat {
         Coat { weight, weight_image: image, roughness, roughness_image: rough }
+    }
+
+    fn grain(strength_image: Option<LoadedImage>) -> LoadedGrain {
+        LoadedGrain { strength: 0.8, strength_image, rotation: 0.7 }
     }
 
     #[test]
@@ -624,6 +647,8 @@ mod tests {
             LoadedMaterial { coat: Some(coat(0.8, None, 0.1, None)), metallic: 1.0, ..named("lacquer") },
             LoadedMaterial { coat: Some(coat(0.8, Some(grey(3)), 0.1, None)), ..named("worn") },
             LoadedMaterial { coat: Some(coat(1.0, Some(grey(3)), 0.5, Some(fine))), ..named("worn and rough") },
+            LoadedMaterial { grain: Some(grain(None)), metallic: 1.0, ..named("brushed") },
+            LoadedMaterial { grain: Some(grain(Some(grey(3)))), roughness: 0.2, ..named("brushed here and there") },
             LoadedMaterial { clear: Some(body(1.33, Vec3::ZERO)), roughness: 0.0, double_sided: false, ..named("k") },
             LoadedMaterial {
                 clear: Some(body(1.5, vec3(0.0, 0.4, 6.0))),

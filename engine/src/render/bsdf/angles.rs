@@ -1,4 +1,4 @@
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 
 /// The angles between two directions and a normal on which an isotropic lobe depends.
 ///
@@ -22,6 +22,9 @@ pub struct Angles {
     across: Vec3,
     /// n·wi before mirroring.
     signed_ci: f32,
+    /// `wi` after mirroring, and `wo`.
+    front: Vec3,
+    wo: Vec3,
 }
 
 /// Derivatives of a scalar in [`Angles`].
@@ -69,7 +72,8 @@ impl Angles {
         let h = sum / length;
         let across = h - n * n.dot(h);
         let sin2 = across.length_squared().min(1.0);
-        Angles { ci: signed_ci.abs(), co: n.dot(wo), half: (0.5 * length).min(1.0), sin2, h, across, signed_ci }
+        let half = (0.5 * length).min(1.0);
+        Angles { ci: signed_ci.abs(), co: n.dot(wo), half, sin2, h, across, signed_ci, front, wo }
     }
 
     /// The same for the normal +z and a direction `wo` that was made by mirroring `wi`, which is in front, at the unit half vector `h`.
@@ -77,7 +81,8 @@ impl Angles {
     pub fn mirrored(wi: Vec3, h: Vec3, wo: Vec3) -> Angles {
         let across = h.with_z(0.0);
         let half = wi.dot(h).clamp(5e-7, 1.0);
-        Angles { ci: wi.z, co: wo.z, half, sin2: across.length_squared().min(1.0), h, across, signed_ci: wi.z }
+        let sin2 = across.length_squared().min(1.0);
+        Angles { ci: wi.z, co: wo.z, half, sin2, h, across, signed_ci: wi.z, front: wi, wo }
     }
 
     /// The same of light that is refracted to `wo`, below the surface, by the index `eta` of that side over that of `wi`: the half vector is the
@@ -96,12 +101,18 @@ impl Angles {
         let across = h - n * n.dot(h);
         let ci = n.dot(wi);
         let sin2 = across.length_squared().min(1.0);
-        Angles { ci, co: -n.dot(wo), half: wi.dot(h).min(1.0), sin2, h, across, signed_ci: ci }
+        Angles { ci, co: -n.dot(wo), half: wi.dot(h).min(1.0), sin2, h, across, signed_ci: ci, front: wi, wo }
     }
 
     /// The unit half vector.
     pub fn facet(&self) -> Vec3 {
         self.h
+    }
+
+    /// The coordinates along two axes of `wi`, mirrored to the front, of `wo` and of the unit half vector.
+    #[inline]
+    pub fn along(&self, axes: [Vec3; 2]) -> [Vec2; 3] {
+        [self.front, self.wo, self.h].map(|v| Vec2::from(axes.map(|axis| axis.dot(v))))
     }
 
     /// Adjoint of [`Angles::refracted`] and of −wo·h, of which `d_y` is the adjoint; also returns that of `eta`.
@@ -137,18 +148,44 @@ impl Angles {
     }
 
     /// Adjoint of [`Angles::new`].
-    pub fn adjoint(&self, n: Vec3, wi: Vec3, wo: Vec3, d: &AnglesAdjoint) -> DirectionsAdjoint {
-        let front = if self.signed_ci < 0.0 { wi - n * (2.0 * self.signed_ci) } else { wi };
-        let inv_length = 0.5 / self.half.max(5e-7);
-        // sin² = |across|² with across = h − n (n·h), and h = sum / |sum|.
+    pub fn adjoint(&self, n: Vec3, wi: Vec3, d: &AnglesAdjoint) -> DirectionsAdjoint {
+        // sin² = |across|² with across = h − n (n·h).
         let d_across = self.across * (2.0 * d.sin2);
-        let d_sum = self.h * (0.5 * d.half) + (d_across - self.h * self.h.dot(d_across)) * inv_length;
-        let mut out = DirectionsAdjoint {
-            n: front * d.ci + wo * d.co - d_across * n.dot(self.h),
-            wi: n * d.ci + d_sum,
-            wo: n * d.co + d_sum,
-        };
+        let mut out = self.of_half_vector(n, d, d_across);
+        out.n -= d_across * n.dot(self.h);
         self.unmirror(n, wi, &mut out);
         out
+    }
+
+    /// Adjoint of [`Angles::new`] and of [`Angles::along`] two axes that are perpendicular to the normal: `along` has the derivatives in these
+    /// coordinates. The axes turn with the normal, by the smallest rotation. Also returns the derivative in their turn about it, from the first
+    /// to the second.
+    pub fn d_along(
+        &self,
+        [n, wi]: [Vec3; 2],
+        axes: [Vec3; 2],
+        d: &AnglesAdjoint,
+        along: [Vec2; 3],
+    ) -> (DirectionsAdjoint, f32) {
+        let vector = |d: Vec2| axes[0] * d.x + axes[1] * d.y;
+        let [d_front, d_wo, d_h] = along.map(vector);
+        let mut out = self.of_half_vector(n, d, d_h);
+        out.wi += d_front;
+        out.wo += d_wo;
+        // The adjoints of the axes: the normal's side of them turns the normal, the rest turns them about it.
+        let seen = [self.front, self.wo, self.h];
+        let d_axes = [0, 1].map(|k| (0..3).map(|i| seen[i] * along[i][k]).sum::<Vec3>());
+        out.n -= vector(Vec2::from(d_axes.map(|d| n.dot(d))));
+        self.unmirror(n, wi, &mut out);
+        (out, d_axes[0].dot(axes[1]) - d_axes[1].dot(axes[0]))
+    }
+
+    /// The adjoint of both cosines, of the half vector and of its cosine; that of `wi` is of what was mirrored to the front.
+    #[inline]
+    fn of_half_vector(&self, n: Vec3, d: &AnglesAdjoint, d_h: Vec3) -> DirectionsAdjoint {
+        // h = sum / |sum|
+        let inv_length = 0.5 / self.half.max(5e-7);
+        let d_sum = self.h * (0.5 * d.half) + (d_h - self.h * self.h.dot(d_h)) * inv_length;
+        DirectionsAdjoint { n: self.front * d.ci + self.wo * d.co, wi: n * d.ci + d_sum, wo: n * d.co + d_sum }
     }
 }

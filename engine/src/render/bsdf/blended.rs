@@ -27,7 +27,8 @@ impl Blended {
         of(a) * (1.0 - self.weight) + of(b) * self.weight
     }
 
-    fn is_narrow(&self) -> bool {
+    /// Whether a lobe is so narrow that it is attached.
+    pub fn is_narrow(&self) -> bool {
         self.layers.iter().any(Layer::is_narrow)
     }
 

@@ -108,7 +108,7 @@ impl Coated {
             d_roughness += d_lobe * lobe.d_roughness;
             d_angles = d_angles + lobe.d_angles(d_lobe, d_half);
         }
-        out.directions.add(&angles.adjoint(n, wi, wo, &d_angles));
+        out.directions.add(&angles.adjoint(n, wi, &d_angles));
         out.d_values[MODEL_INPUTS] = Vec3::new(d_weight, d_roughness, 0.0);
         out
     }
@@ -149,12 +149,12 @@ impl Coated {
 
     /// The width α of the narrowest lobe.
     pub fn alpha(&self) -> f32 {
-        self.coat_alpha().min(self.under.alpha())
+        self.coat_alpha().min(self.under.spread())
     }
 
     /// The albedos of the narrowest lobe and of the others together.
     pub fn lobe_albedos(&self, ci: f32) -> [f32; 2] {
         let [base, lobe, coat] = self.albedos(ci);
-        if self.coat_alpha() <= self.under.alpha() { [base + lobe, coat] } else { [base + coat, lobe] }
+        if self.coat_alpha() <= self.under.spread() { [base + lobe, coat] } else { [base + coat, lobe] }
     }
 }

@@ -24,6 +24,13 @@ impl Layer {
         }
     }
 
+    pub fn lobes_mut(&mut self) -> &mut Lobes {
+        match self {
+            Layer::Bare(lobes) => lobes,
+            Layer::Coated(coated) => &mut coated.under,
+        }
+    }
+
     fn narrow_lobes(&self) -> [bool; 2] {
         let lobes = self.lobes();
         let coat = match self {
@@ -111,7 +118,7 @@ impl Layer {
     /// The width α of the narrowest lobe.
     pub fn alpha(&self) -> f32 {
         match self {
-            Layer::Bare(lobes) => lobes.alpha(),
+            Layer::Bare(lobes) => lobes.spread(),
             Layer::Coated(coated) => coated.alpha(),
         }
     }

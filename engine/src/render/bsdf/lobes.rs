@@ -6,17 +6,18 @@ use std::f32::consts::FRAC_1_PI;
 use glam::Vec3;
 
 use super::angles::{Angles, DirectionsAdjoint};
+use super::brushed::{Brushed, Grain};
 use super::cloth::Cloth;
 use super::conductor::{Conductor, ConductorIor};
 use super::matte::Matte;
 use super::microfacet::Microfacets;
-use super::model::{Inputs, Model};
+use super::model::{Model, of_first_model};
 use super::phong::Phong;
 use super::plastic::Plastic;
 use super::principled::Principled;
 use super::{BsdfAdjoint, MIN_LOBE_SHARE, RoughnessPair, lambertian};
 use crate::math::{cosine_hemisphere_pdf, luminance};
-use crate::render::material::{MAX_INPUTS, MODEL_INPUTS};
+use crate::render::material::MAX_INPUTS;
 
 /// A model at a point of a surface, with its inputs looked up.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,6 +29,10 @@ pub enum Lobes {
     Plastic(Plastic),
     Cloth(Cloth),
     Principled(Principled),
+    BrushedConductor(Brushed<Conductor>),
+    BrushedConductorIor(Brushed<ConductorIor>),
+    BrushedPlastic(Brushed<Plastic>),
+    BrushedPrincipled(Brushed<Principled>),
 }
 
 /// Which lobes belong to a part of a material: the model's cosine lobe and its microfacet lobe, and the coat over it, if there is one.
@@ -49,11 +54,44 @@ macro_rules! with_model {
             Lobes::Plastic($model) => $value,
             Lobes::Cloth($model) => $value,
             Lobes::Principled($model) => $value,
+            Lobes::BrushedConductor($model) => $value,
+            Lobes::BrushedConductorIor($model) => $value,
+            Lobes::BrushedPlastic($model) => $value,
+            Lobes::BrushedPrincipled($model) => $value,
         }
     };
 }
 
 impl Lobes {
+    /// The same with a grain in its GGX lobe, if it has such a lobe.
+    pub fn brushed(self, grain: Grain) -> Lobes {
+        match self {
+            Lobes::Conductor(model) => Lobes::BrushedConductor(Brushed { model, grain }),
+            Lobes::ConductorIor(model) => Lobes::BrushedConductorIor(Brushed { model, grain }),
+            Lobes::Plastic(model) => Lobes::BrushedPlastic(Brushed { model, grain }),
+            Lobes::Principled(model) => Lobes::BrushedPrincipled(Brushed { model, grain }),
+            other => other,
+        }
+    }
+
+    /// Whether there is a grain.
+    #[inline]
+    pub fn has_grain(&self) -> bool {
+        use Lobes::{BrushedConductor, BrushedConductorIor, BrushedPlastic, BrushedPrincipled};
+        matches!(self, BrushedConductor(_) | BrushedConductorIor(_) | BrushedPlastic(_) | BrushedPrincipled(_))
+    }
+
+    /// The grain, to be changed, if there is one.
+    pub fn grain_mut(&mut self) -> Option<&mut Grain> {
+        match self {
+            Lobes::BrushedConductor(brushed) => Some(&mut brushed.grain),
+            Lobes::BrushedConductorIor(brushed) => Some(&mut brushed.grain),
+            Lobes::BrushedPlastic(brushed) => Some(&mut brushed.grain),
+            Lobes::BrushedPrincipled(brushed) => Some(&mut brushed.grain),
+            _ => None,
+        }
+    }
+
     /// Whether there is a cosine lobe.
     #[inline]
     pub fn has_base(&self) -> bool {
@@ -144,17 +182,7 @@ impl Lobes {
 
     /// Adjoint of [`Lobes::eval_lobe`]. `half_fixed` is as in [`Microfacets::d_eval`].
     pub fn d_eval_lobe(&self, n: Vec3, wi: Vec3, wo: Vec3, d_f: Vec3, half_fixed: bool) -> BsdfAdjoint {
-        fn of<M: Model>(model: &M, vectors: [Vec3; 3], d_f: Vec3, half_fixed: bool) -> BsdfAdjoint {
-            let [n, wi, wo] = vectors;
-            let angles = Angles::new(n, wi, wo);
-            let lobe = model.facets().d_eval(&angles, half_fixed);
-            let (d_half, mut d_values) = model.d_fresnel(angles.half, d_f * lobe.value);
-            let d_lobe = d_f.dot(model.fresnel(angles.half));
-            d_values[M::ROUGHNESS].x += d_lobe * lobe.d_roughness;
-            let directions = angles.adjoint(n, wi, wo, &lobe.d_angles(d_lobe, d_half));
-            BsdfAdjoint { directions, d_values: of_first_model(d_values) }
-        }
-        with_model!(self, m => of(m, [n, wi, wo], d_f, half_fixed))
+        with_model!(self, m => m.d_lobe([n, wi, wo], d_f, half_fixed))
     }
 
     /// A microfacet normal for the local direction `wi`, which is in front.
@@ -187,9 +215,14 @@ impl Lobes {
         of_first_model(with_model!(self, m => m.d_albedo(d_albedo)))
     }
 
-    /// Width α of the microfacet lobe, comparable to that of a Beckmann distribution.
+    /// Width α of the microfacet lobe, comparable to that of a Beckmann distribution; of a grain that across it.
     pub fn alpha(&self) -> f32 {
         with_model!(self, m => m.facets().alpha())
+    }
+
+    /// The width of a lobe that covers as large a solid angle and is as wide in all directions.
+    pub fn spread(&self) -> f32 {
+        with_model!(self, m => m.facets().spread())
     }
 
     /// Approximate albedos (as luminances) of the cosine lobe and of the microfacet lobe, as in [`Bsdf::lobe_albedos`](super::Bsdf::lobe_albedos).
@@ -215,12 +248,4 @@ impl Lobes {
 pub fn share(one: f32, other: f32) -> f32 {
     let share = one / (one + other);
     if share.is_nan() { 0.5 } else { share.clamp(MIN_LOBE_SHARE, 1.0 - MIN_LOBE_SHARE) }
-}
-
-/// Derivatives in the inputs of a model, and none in those of a coat or of what it is blended with.
-#[inline(always)]
-pub fn of_first_model(inputs: Inputs) -> [Vec3; MAX_INPUTS] {
-    let mut all = [Vec3::ZERO; MAX_INPUTS];
-    all[..MODEL_INPUTS].copy_from_slice(&inputs);
-    all
 }

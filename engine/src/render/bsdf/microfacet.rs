@@ -1,6 +1,6 @@
 use std::f32::consts::{FRAC_1_PI, TAU};
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 
 use super::angles::{Angles, AnglesAdjoint};
 
@@ -18,8 +18,12 @@ pub trait Microfacets {
     fn eval_and_pdf(&self, angles: &Angles) -> (f32, f32) {
         (self.eval(angles), self.pdf(angles))
     }
-    /// Width α, comparable to that of a Beckmann distribution.
+    /// Width α, comparable to that of a Beckmann distribution; where the lobe is narrowest.
     fn alpha(&self) -> f32;
+    /// The width of a lobe that covers as large a solid angle and is as wide in all directions.
+    fn spread(&self) -> f32 {
+        self.alpha()
+    }
     /// The distribution if it is GGX's, whose derivative in the roughness has samples of its own.
     fn as_ggx(&self) -> Option<Ggx> {
         None
@@ -70,6 +74,11 @@ impl Ggx {
     /// The roughness that has this α; 0 if α is less than any roughness has.
     pub fn roughness_of(alpha: f32) -> f32 {
         (alpha * alpha - MIN_ALPHA_SQUARED).max(0.0).sqrt().sqrt()
+    }
+
+    /// ∂α/∂ roughness
+    pub fn alpha_by_roughness(&self) -> f32 {
+        self.a_by_roughness() / (2.0 * self.alpha)
     }
 
     /// ∂α²/∂ roughness
@@ -130,18 +139,7 @@ impl Microfacets for Ggx {
 
     /// Samples the distribution of visible normals (Heitz 2018, "Sampling the GGX Distribution of Visible Normals").
     fn sample(&self, wi: Vec3, u: [f32; 2]) -> Vec3 {
-        let stretched = Vec3::new(self.alpha * wi.x, self.alpha * wi.y, wi.z).normalize_or(Vec3::Z);
-        let length2 = stretched.x * stretched.x + stretched.y * stretched.y;
-        let t1 = if length2 > 0.0 { Vec3::new(-stretched.y, stretched.x, 0.0) / length2.sqrt() } else { Vec3::X };
-        let t2 = stretched.cross(t1);
-        let r = u[0].sqrt();
-        let phi = TAU * u[1];
-        let p1 = r * phi.cos();
-        let s = 0.5 * (1.0 + stretched.z);
-        let p2 = (1.0 - s) * (1.0 - p1 * p1).max(0.0).sqrt() + s * r * phi.sin();
-        let p3 = (1.0 - p1 * p1 - p2 * p2).max(0.0).sqrt();
-        let n = t1 * p1 + t2 * p2 + stretched * p3;
-        Vec3::new(self.alpha * n.x, self.alpha * n.y, n.z.max(1e-6)).normalize()
+        sample_visible(Vec2::splat(self.alpha), wi, u)
     }
 
     /// G1(ci) D / (4 ci)
@@ -162,6 +160,23 @@ impl Microfacets for Ggx {
     fn as_ggx(&self) -> Option<Ggx> {
         Some(*self)
     }
+}
+
+/// A normal of GGX facets with the widths `alphas` along x and y, of those that are visible from `wi` (Heitz 2018, "Sampling the GGX
+/// Distribution of Visible Normals").
+pub fn sample_visible(alphas: Vec2, wi: Vec3, u: [f32; 2]) -> Vec3 {
+    let stretched = (alphas * wi.truncate()).extend(wi.z).normalize_or(Vec3::Z);
+    let length2 = stretched.truncate().length_squared();
+    let t1 = if length2 > 0.0 { Vec3::new(-stretched.y, stretched.x, 0.0) / length2.sqrt() } else { Vec3::X };
+    let t2 = stretched.cross(t1);
+    let r = u[0].sqrt();
+    let phi = TAU * u[1];
+    let p1 = r * phi.cos();
+    let s = 0.5 * (1.0 + stretched.z);
+    let p2 = (1.0 - s) * (1.0 - p1 * p1).max(0.0).sqrt() + s * r * phi.sin();
+    let p3 = (1.0 - p1 * p1 - p2 * p2).max(0.0).sqrt();
+    let n = t1 * p1 + t2 * p2 + stretched * p3;
+    (alphas * n.truncate()).extend(n.z.max(1e-6)).normalize()
 }
 
 impl Ggx {

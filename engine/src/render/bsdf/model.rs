@@ -1,7 +1,9 @@
 use glam::Vec3;
 
+use super::BsdfAdjoint;
+use super::angles::Angles;
 use super::microfacet::Microfacets;
-use crate::render::material::MODEL_INPUTS;
+use crate::render::material::{MAX_INPUTS, MODEL_INPUTS};
 
 /// Derivatives in the inputs of a model, in the order of [`MaterialKind::inputs`](crate::render::MaterialKind::inputs). For a scalar input
 /// only `x` is used.
@@ -25,6 +27,17 @@ pub trait Model: Copy {
 
     /// Adjoint of [`Model::fresnel`]: the derivatives in `half` and in the inputs.
     fn d_fresnel(&self, half: f32, d_f: Vec3) -> (f32, Inputs);
+
+    /// The adjoint of the microfacet lobe in the normal, `wi` and `wo` and in the inputs. `half_fixed` is as in [`Microfacets::d_eval`].
+    fn d_lobe(&self, [n, wi, wo]: [Vec3; 3], d_f: Vec3, half_fixed: bool) -> BsdfAdjoint {
+        let angles = Angles::new(n, wi, wo);
+        let lobe = self.facets().d_eval(&angles, half_fixed);
+        let (d_half, mut d_values) = self.d_fresnel(angles.half, d_f * lobe.value);
+        let d_lobe = d_f.dot(self.fresnel(angles.half));
+        d_values[Self::ROUGHNESS].x += d_lobe * lobe.d_roughness;
+        let directions = angles.adjoint(n, wi, &lobe.d_angles(d_lobe, d_half));
+        BsdfAdjoint { directions, d_values: of_first_model(d_values) }
+    }
 
     /// The reflectance of the base for light from cosine `ci` to cosine `co`, both positive.
     fn base(&self, _ci: f32, _co: f32) -> Vec3 {
@@ -55,4 +68,12 @@ pub trait Model: Copy {
         d[0] = d_albedo;
         d
     }
+}
+
+/// Derivatives in the inputs of a model, and none in those of a coat or of what it is blended with.
+#[inline(always)]
+pub fn of_first_model(inputs: Inputs) -> [Vec3; MAX_INPUTS] {
+    let mut all = [Vec3::ZERO; MAX_INPUTS];
+    all[..MODEL_INPUTS].copy_from_slice(&inputs);
+    all
 }

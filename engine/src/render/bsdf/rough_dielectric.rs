@@ -168,7 +168,7 @@ impl RoughDielectric {
         let lobe = self.facets().d_eval(&angles, half_fixed);
         let f = fresnel(angles.half, self.eta());
         let [by_x, by_eta] = d_fresnel(angles.half, self.eta()).map(|by| by * d_f * lobe.value);
-        out.directions = angles.adjoint(n, wi, wo, &lobe.d_angles(d_f * f, by_x));
+        out.directions = angles.adjoint(n, wi, &lobe.d_angles(d_f * f, by_x));
         out.d_values[0].x = self.d_eta(by_eta);
         out.d_values[1].x = d_f * f * lobe.d_roughness;
         out

@@ -4,16 +4,19 @@ use glam::{DVec3, Quat};
 
 use super::albedo::AlbedoTable;
 use super::coat::SCHLICK;
+use super::microfacet::Microfacets;
 use super::sheen::REFLECTED;
 use super::*;
 use crate::math::{Dual, Pcg32};
 use crate::render::interaction::SurfaceInteraction;
 use crate::render::material::{
-    BLEND_WEIGHT, COAT, COAT_ROUGHNESS, InputField, LAYER_INPUTS, MAX_INPUTS, MODEL_INPUTS, WEIGHT,
+    ANISOTROPY, BLEND_WEIGHT, COAT, COAT_ROUGHNESS, InputField, LAYER_INPUTS, MAX_INPUTS, MODEL_INPUTS, TURN, WEIGHT,
 };
 
-/// Three cosines and the RGB inputs.
-type D = Dual<{ 3 + 3 * MAX_INPUTS }>;
+/// What a twin sees of the directions: three cosines, and the coordinates of both directions along tangent and bitangent.
+const SEEN: usize = 7;
+/// That, and the RGB inputs.
+type D = Dual<{ SEEN + 3 * MAX_INPUTS }>;
 
 const INPUT: Input = Input::VertexColor;
 
@@ -29,16 +32,19 @@ fn kinds() -> Vec<Material> {
         MaterialKind::Cloth { diffuse: INPUT, sheen: INPUT, roughness: INPUT },
         MaterialKind::Mirror { reflectance: INPUT },
     ];
-    let coated = [0, 1, 3, 4].map(|i| Material {
+    let grain = |wanted: bool| wanted.then_some(material::Grain { anisotropy: INPUT, turn: INPUT });
+    let brushed = [1, 2, 4, 5].map(|i| Material { grain: grain(true), ..Material::from(models[i].clone()) });
+    let coated = [(0, false), (1, false), (3, false), (4, false), (4, true)].map(|(i, is_brushed)| Material {
+        grain: grain(is_brushed),
         coat: Some(ClearCoat { weight: INPUT, roughness: INPUT }),
         ..Material::from(models[i].clone())
     });
     let blended = [(0, 1), (1, 4), (3, 0), (6, 5), (2, 1)].into_iter().enumerate().map(|(i, (a, b))| {
         let coat = |wanted: bool| wanted.then_some(ClearCoat { weight: INPUT, roughness: INPUT });
-        let blend = Blend { kind: models[b].clone(), coat: coat(i % 3 == 1), weight: INPUT };
-        Material { coat: coat(i >= 3), blend: Some(blend), ..Material::from(models[a].clone()) }
+        let blend = Blend { kind: models[b].clone(), grain: grain(i == 4), coat: coat(i % 3 == 1), weight: INPUT };
+        Material { grain: grain(i == 1), coat: coat(i >= 3), blend: Some(blend), ..Material::from(models[a].clone()) }
     });
-    models.iter().cloned().map(Material::from).chain(coated).chain(blended).collect()
+    models.iter().cloned().map(Material::from).chain(brushed).chain(coated).chain(blended).collect()
 }
 
 /// Plausible values of a material's inputs, with the given roughness; that of a coat is the same, another one, or always a third. The second
@@ -71,7 +77,7 @@ fn layer_values(kind: &MaterialKind, roughness: f32) -> [Vec3; LAYER_INPUTS] {
         MaterialKind::Cloth { .. } => [a, Vec3::new(0.9, 0.6, 0.3), r, r],
         _ => [a, a, a, a],
     };
-    [x, y, z, w, Vec3::new(0.7, of_coat, 0.0)]
+    [x, y, z, w, Vec3::new(0.7, of_coat, 0.0), Vec3::new(0.6, 0.4, 0.0)]
 }
 
 /// A material whose inputs have these values, by their places.
@@ -85,14 +91,17 @@ fn looked_up(material: &Material, values: &[Vec3; MAX_INPUTS]) -> Bsdf {
 
 /// All inputs with their places, and of those of coats, which share one, the channel.
 fn places(material: &Material) -> Vec<(InputField, usize, Option<usize>)> {
-    let of_layer = |kind: &MaterialKind, coat: bool, from: usize| {
+    let of_layer = |kind: &MaterialKind, [grain, coat]: [bool; 2], from: usize| {
+        let of_grain = [(ANISOTROPY, from + GRAIN, Some(0)), (TURN, from + GRAIN, Some(1))];
         let of_coat = [(COAT, from + MODEL_INPUTS, Some(0)), (COAT_ROUGHNESS, from + MODEL_INPUTS, Some(1))];
         let of_model: Vec<_> = kind.inputs().enumerate().map(|(i, (field, _))| (field, from + i, None)).collect();
-        of_model.into_iter().chain(of_coat.into_iter().filter(move |_| coat))
+        let of_grain = of_grain.into_iter().filter(move |_| grain);
+        of_model.into_iter().chain(of_grain).chain(of_coat.into_iter().filter(move |_| coat))
     };
-    let mut all: Vec<_> = of_layer(&material.kind, material.coat.is_some(), 0).collect();
+    let own = [material.grain.is_some(), material.coat.is_some()];
+    let mut all: Vec<_> = of_layer(&material.kind, own, 0).collect();
     if let Some(blend) = &material.blend {
-        all.extend(of_layer(&blend.kind, blend.coat.is_some(), LAYER_INPUTS));
+        all.extend(of_layer(&blend.kind, [blend.grain.is_some(), blend.coat.is_some()], LAYER_INPUTS));
         all.push((WEIGHT, BLEND_WEIGHT, None));
     }
     all
@@ -104,13 +113,13 @@ fn field(material: &Material, place: usize, channel: usize) -> Option<InputField
     places(material).into_iter().find(|(_, p, c)| *p == place && is_it(c)).map(|(field, ..)| field)
 }
 
-/// All non-delta materials over several roughnesses.
+/// All non-delta materials over several roughnesses, their grains laid along x and y.
 fn bsdfs(roughnesses: &[f32]) -> Vec<(Material, [Vec3; MAX_INPUTS], Bsdf)> {
     let mut all = Vec::new();
     for kind in kinds() {
         for &roughness in roughnesses {
             let values = values(&kind, roughness);
-            let bsdf = looked_up(&kind, &values);
+            let bsdf = looked_up(&kind, &values).laid([Vec3::X, Vec3::Y]);
             if !bsdf.is_delta() {
                 all.push((kind.clone(), values, bsdf));
             }
@@ -128,9 +137,12 @@ fn direction(cos_theta: f32, phi: f32) -> Vec3 {
 
 /// Both parts of a material: lobes below a width of 0.2 turn with the surface, the others stay with the matte part; but if all are wide, they
 /// stand together.
+///
+/// `along` has the coordinates of both directions along tangent and bitangent.
 pub(crate) fn twins<const N: usize>(
     material: &Material,
     cosines: [Dual<N>; 3],
+    along: [[Dual<N>; 2]; 2],
     v: &[[Dual<N>; 3]; MAX_INPUTS],
 ) -> [[Dual<N>; 3]; 2] {
     let [ci, co, io] = cosines;
@@ -141,10 +153,17 @@ pub(crate) fn twins<const N: usize>(
     let (mut lobes, one) = (Vec::new(), Dual::constant(1.0));
     let weight = v[BLEND_WEIGHT][0];
     let share = if material.blend.is_some() { 1.0 - weight } else { one };
-    lobes.extend(layer_twins(&material.kind, material.coat.is_some(), cosines, &v[..LAYER_INPUTS], share));
+    // How many times as strong as without it the lobe is that has a grain.
+    let brushed = |v: &[[Dual<N>; 3]], kind: &MaterialKind| {
+        let roughness = if matches!(kind, MaterialKind::Conductor { .. }) { v[1][0] } else { v[2][0] };
+        twin_brush(roughness, v[GRAIN], cosines, along) / twin_ggx(roughness, cosines[2], cosines[0], cosines[1])
+    };
+    let own = material.grain.is_some().then(|| brushed(&v[..LAYER_INPUTS], &material.kind));
+    lobes.extend(layer_twins(&material.kind, (own, material.coat.is_some()), cosines, &v[..LAYER_INPUTS], share));
     if let Some(blend) = &material.blend {
         let v = &v[LAYER_INPUTS..BLEND_WEIGHT];
-        lobes.extend(layer_twins(&blend.kind, blend.coat.is_some(), cosines, v, weight));
+        let other = blend.grain.is_some().then(|| brushed(v, &blend.kind));
+        lobes.extend(layer_twins(&blend.kind, (other, blend.coat.is_some()), cosines, v, weight));
     }
     let all_wide = !lobes.iter().any(|(is_narrow, _)| *is_narrow == Some(true));
     std::array::from_fn(|part| {
@@ -161,12 +180,13 @@ pub(crate) fn twins<const N: usize>(
 #[allow(clippy::type_complexity)]
 fn layer_twins<const N: usize>(
     kind: &MaterialKind,
-    is_coated: bool,
+    (brushed, is_coated): (Option<Dual<N>>, bool),
     [ci, co, nh, ih]: [Dual<N>; 4],
     v: &[[Dual<N>; 3]],
     share: Dual<N>,
 ) -> Vec<(Option<bool>, [Dual<N>; 3])> {
     let [matte, lobe] = model_twins(kind, [ci, co, nh, ih], v);
+    let lobe = brushed.map_or(lobe, |times| lobe.map(|x| x * times));
     let is_narrow = |alpha2: f64| alpha2 + 1e-7 < 0.04;
     let lobe_is_narrow = match kind {
         MaterialKind::Diffuse { .. } | MaterialKind::Cloth { .. } => false,
@@ -243,8 +263,8 @@ fn model_twins<const N: usize>(
     std::array::from_fn(|part| channels.map(|c| c[part]))
 }
 
-fn twin(material: &Material, ci: D, co: D, io: D, v: &[[D; 3]; MAX_INPUTS]) -> [D; 3] {
-    let [matte, lobe] = twins(material, [ci, co, io], v);
+fn twin(material: &Material, [ci, co, io, ti, bi, to, bo]: [D; SEEN], v: &[[D; 3]; MAX_INPUTS]) -> [D; 3] {
+    let [matte, lobe] = twins(material, [ci, co, io], [[ti, bi], [to, bo]], v);
     std::array::from_fn(|c| matte[c] + lobe[c])
 }
 
@@ -279,6 +299,26 @@ fn twin_ggx<const N: usize>(roughness: Dual<N>, nh: Dual<N>, ci: Dual<N>, co: Du
     let d = a2 / (PI * nh.powi(4) * (a2 + tan2(nh)).powi(2));
     let g1 = |c: Dual<N>| 2.0 / (1.0 + (1.0 + a2 * tan2(c)).sqrt());
     d * g1(ci) * g1(co) / (4.0 * ci)
+}
+
+/// D G / (4 ci) in tangents, as Heitz prints it, with the widths of glTF; `grain` has the anisotropy and the turn.
+fn twin_brush<const N: usize>(
+    roughness: Dual<N>,
+    grain: [Dual<N>; 3],
+    [ci, co, nh, ih]: [Dual<N>; 4],
+    along: [[Dual<N>; 2]; 2],
+) -> Dual<N> {
+    let across = (roughness.powi(4) + 1e-7).sqrt();
+    let alphas = [across + (1.0 - across) * grain[0] * grain[0], across];
+    let [wi, wo] =
+        along.map(|[x, y]| [x * grain[1].cos() + y * grain[1].sin(), y * grain[1].cos() - x * grain[1].sin()]);
+    let h: [Dual<N>; 2] = std::array::from_fn(|k| (wi[k] + wo[k]) / (2.0 * ih));
+    let q = 1.0 + ((h[0] / alphas[0]).powi(2) + (h[1] / alphas[1]).powi(2)) / (nh * nh);
+    let d = 1.0 / (PI * alphas[0] * alphas[1] * nh.powi(4) * q * q);
+    let g1 = |[x, y]: [Dual<N>; 2], c: Dual<N>| {
+        2.0 / (1.0 + (1.0 + ((alphas[0] * x).powi(2) + (alphas[1] * y).powi(2)) / (c * c)).sqrt())
+    };
+    d * g1(wi, ci) * g1(wo, co) / (4.0 * ci)
 }
 
 /// D G / (4 ci) with the exponents and the fit as Estevez & Kulla print them.
@@ -328,9 +368,16 @@ pub(crate) fn twin_conductor<const N: usize>(c: Dual<N>, eta: Dual<N>, k: Dual<N
     (rs + rp) / 2.0
 }
 
-/// Derivatives of a function of n·wi, n·wo and wi·wo in the three unit vectors, without what is along each.
-fn d_vectors([by_ci, by_co, by_io]: [f64; 3], [n, wi, wo]: [DVec3; 3]) -> [DVec3; 3] {
-    let all = [(n, wi * by_ci + wo * by_co), (wi, n * by_ci + wo * by_io), (wo, n * by_co + wi * by_io)];
+/// Derivatives of a function of what a twin sees in the three unit vectors, without what is along each. The axes turn with the normal, by the
+/// smallest rotation.
+fn d_vectors(by: [f64; SEEN], [n, wi, wo]: [DVec3; 3], [t, b]: [DVec3; 2]) -> [DVec3; 3] {
+    let [by_ci, by_co, by_io, by_ti, by_bi, by_to, by_bo] = by;
+    let (by_t, by_b) = (wi * by_ti + wo * by_to, wi * by_bi + wo * by_bo);
+    let all = [
+        (n, wi * by_ci + wo * by_co - t * n.dot(by_t) - b * n.dot(by_b)),
+        (wi, n * by_ci + wo * by_io + t * by_ti + b * by_bi),
+        (wo, n * by_co + wi * by_io + t * by_to + b * by_bo),
+    ];
     all.map(|(v, d)| d - v * v.dot(d))
 }
 
@@ -355,12 +402,19 @@ fn value_and_adjoint_match_the_dual_number_twin() {
             continue; // Its exponent is zero, where the twin's power has no derivative.
         }
         let alpha = bsdf.roughness_alpha().unwrap_or(1.0);
+        // Across a grain a lobe is narrower than on the whole.
+        let roughnesses = places(&material).into_iter().filter(|(field, ..)| field.name == "roughness");
+        let across = roughnesses.map(|(_, place, _)| Ggx::new(values[place].x).alpha()).fold(alpha, f32::min);
+        let alpha = if bsdf.has_grain() { across } else { alpha };
         for i in 0..400 {
             let vectors = directions(i, [0.1, alpha, 3.0 * alpha][i % 3], 0.03, &mut rng);
             let [n, wi, wo] = vectors;
             let d_f = Vec3::new(rng.next_f32() - 0.5, rng.next_f32(), rng.next_f32());
 
+            let frame = Frame::from_normal(n);
+            let bsdf = bsdf.laid([frame.tangent, frame.bitangent]);
             let exact = vectors.map(|v| v.as_dvec3().normalize());
+            let axes = [frame.tangent, frame.bitangent].map(|v| v.as_dvec3());
             let cosines = [exact[0].dot(exact[1]), exact[0].dot(exact[2]), exact[1].dot(exact[2])];
             if cosines[1] < 0.02 {
                 continue;
@@ -369,12 +423,13 @@ fn value_and_adjoint_match_the_dual_number_twin() {
             let inputs = std::array::from_fn(|i| {
                 std::array::from_fn(|c| match (&material.kind, i) {
                     // The least that a lobe has.
-                    (MaterialKind::Phong { .. }, 2) => variable(values[i][c].max(1e-7), 3 + 3 * i + c),
-                    _ => variable(values[i][c], 3 + 3 * i + c),
+                    (MaterialKind::Phong { .. }, 2) => variable(values[i][c].max(1e-7), SEEN + 3 * i + c),
+                    _ => variable(values[i][c], SEEN + 3 * i + c),
                 })
             });
-            let [ci, co, io] = std::array::from_fn(|i| D::variable(cosines[i], i));
-            let f = twin(&material, ci, co, io, &inputs);
+            let along: [f64; 4] = std::array::from_fn(|i| axes[i % 2].dot(exact[1 + i / 2]));
+            let seen: [f64; SEEN] = std::array::from_fn(|i| if i < 3 { cosines[i] } else { along[i - 3] });
+            let f = twin(&material, std::array::from_fn(|i| D::variable(seen[i], i)), &inputs);
             let expected = f[0] * f64::from(d_f.x) + f[1] * f64::from(d_f.y) + f[2] * f64::from(d_f.z);
             // The sine of the half vector, some α, is known to the rounding of the directions.
             let half = (0.5 + 0.5 * cosines[2]).sqrt().min(1.0).max(cosines[0].abs().min(cosines[1]));
@@ -386,22 +441,31 @@ fn value_and_adjoint_match_the_dual_number_twin() {
                 assert!((a - b).abs() < (2e-3 + rounding) * b.abs() + 1e-6, "{bsdf:?} {vectors:?}: {a} {b}");
             }
             let adjoint = bsdf.d_eval(n, wi, wo, d_f);
-            let by_vectors = d_vectors([0, 1, 2].map(|i| expected.partials[i]), exact);
+            let by_vectors = d_vectors(std::array::from_fn(|i| expected.partials[i]), exact, axes);
             let ours = [adjoint.directions.n, adjoint.directions.wi, adjoint.directions.wo].map(Vec3::as_dvec3);
             let scale = by_vectors.iter().fold(0.0, |m: f64, v| m.max(v.length()));
+            // On the ridge of a lobe that is narrow in one direction only there is no slope across it, but for the rounding of the directions.
+            let size = (0..3).map(|c| (f64::from(d_f[c]) * f[c].value).abs()).sum::<f64>();
+            let ridge = if bsdf.has_grain() { 4.0 * rounding * size / f64::from(alpha) } else { 0.0 };
             for (j, (a, b)) in ours.into_iter().zip(by_vectors).enumerate() {
                 let a = a - exact[j] * exact[j].dot(a);
-                let tolerance = (4e-3 + 4.0 * rounding) * scale + 1e-5;
+                let tolerance = (4e-3 + 4.0 * rounding) * scale + ridge + 1e-5;
                 assert!((a - b).length() < tolerance, "{bsdf:?} {vectors:?}, vector {j}: {a} {b}");
             }
             let derivatives = adjoint.d_values.iter().flat_map(|v| v.to_array());
-            for (j, (a, &b)) in derivatives.zip(&expected.partials[3..]).enumerate() {
+            for (j, (a, &b)) in derivatives.zip(&expected.partials[SEEN..]).enumerate() {
                 // Those in a roughness change sign where the lobe does not: measure errors against the score's size.
                 let roughness = field(&material, j / 3, j % 3).is_some_and(|field| field.name.ends_with("roughness"));
                 // ∂ ln D is up to 4 over the roughness; only Phong's lobes go on narrowing where it is 0.
                 let least =
                     if matches!(material.kind, MaterialKind::Phong { .. }) { MIN_PHONG_ROUGHNESS } else { 0.02 };
-                let score = if roughness { 4.0 / f64::from(values[j / 3][j % 3].max(least)).min(1.0) } else { 1.0 };
+                let of_grain = field(&material, j / 3, j % 3).is_some_and(|field| [ANISOTROPY, TURN].contains(&field));
+                let score = match (roughness, of_grain) {
+                    (true, _) => 4.0 / f64::from(values[j / 3][j % 3].max(least)).min(1.0),
+                    // ∂ ln D is up to 2 αx/αy.
+                    (_, true) => 1.0 / f64::from(alpha),
+                    _ => 1.0,
+                };
                 let tolerance = (4e-3 + 4.0 * rounding) * (b.abs() + score * expected.value.abs()) + 1e-5;
                 assert!((f64::from(a) - b).abs() < tolerance, "{bsdf:?} {vectors:?}, input {j}: {a} {b}");
             }

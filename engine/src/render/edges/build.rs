@@ -339,7 +339,7 @@ fn is_sharp(scene: &Scene, edge: &Edge, seams: Seams) -> bool {
     } else if differ(&|m, v| m.normals.as_ref().map(|n| n[v as usize].normalize_or_zero())) {
         return true;
     }
-    if sa.material.normals.is_some() && tangents_differ(scene, [a, b]) {
+    if sa.material.needs_tangents() && tangents_differ(scene, [a, b]) {
         return true;
     }
     let emission = sa.emission.as_ref().map(|e| e.radiance);
@@ -351,7 +351,7 @@ fn is_sharp(scene: &Scene, edge: &Edge, seams: Seams) -> bool {
     reads(&Input::reads_colors) && differ(&|m, v| m.colors.as_ref().map(|c| c[v as usize]))
 }
 
-/// Whether two faces of shapes with normal maps have other tangents at their common edge.
+/// Whether two faces of shapes with normal maps or grains have other tangents at their common edge.
 fn tangents_differ(scene: &Scene, faces: [&EdgeFace; 2]) -> bool {
     let at = |f: &EdgeFace, end: usize| {
         let id = scene.prims[f.prim as usize];

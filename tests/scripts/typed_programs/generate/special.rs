@@ -29,7 +29,7 @@ impl Generator<'_, '_> {
                 _ => self.call("look_at", &[vector(3), vector(3), vector(3)], depth).any_left_out(2),
             },
             T::Mesh => self.mesh(depth),
-            T::Material => match self.tape.below(12) {
+            T::Material => match self.tape.below(13) {
                 0 => self.named("diffuse", &[("reflectance", T::Texture)], depth),
                 1 => self.call("one_sided", &[T::Material], depth),
                 2 => self.call("mask", &[T::Material, T::Texture], depth),
@@ -38,9 +38,10 @@ impl Generator<'_, '_> {
                 5 => self.call("normal_map", &[T::Material, T::Texture], depth).loosely(),
                 6 => self.named("principled", &[("roughness", T::Texture), ("base_color", T::Texture)], depth),
                 7 => self.named("thin_dielectric", &[("tint", T::Texture)], depth),
-                8 => self.call("coated", &[T::Material, T::Texture], depth).loosely(),
+                8 => self.call("coated", &[T::Material, T::Texture], depth).loosely().any_left_out(1),
                 9 => self.named("cloth", &[("sheen", T::Texture), ("roughness", T::Texture)], depth),
-                10 => self.call("blend", &[T::Material, T::Material, T::Texture], depth).loosely(),
+                11 => self.call("brushed", &[T::Material, T::Texture, T::Angle(None)], depth).loosely().any_left_out(1),
+                10 => self.call("blend", &[T::Material, T::Material, T::Texture], depth).loosely().any_left_out(2),
                 _ => self.field("", T::Shape, ".material", depth),
             },
             T::Texture => match self.tape.below(4) {

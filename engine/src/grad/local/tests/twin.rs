@@ -16,8 +16,8 @@ use crate::render::light::{LightKind, LightSample};
 use crate::render::mask::MaskCrossing;
 use crate::render::texture::{Filter, Texture, Wrap};
 use crate::render::{
-    BLEND_WEIGHT, Blend, ClearCoat, Emission, Environment, Input, LAYER_INPUTS, MAX_INPUTS, MODEL_INPUTS, Material,
-    MaterialKind, Scene, SceneDescription, Shape, Slot,
+    BLEND_WEIGHT, Blend, ClearCoat, Emission, Environment, GRAIN, Grain, Input, LAYER_INPUTS, MAX_INPUTS, MODEL_INPUTS,
+    Material, MaterialKind, Scene, SceneDescription, Shape, Slot,
 };
 
 /// Numbers in three coordinates, with their derivatives.
@@ -142,8 +142,27 @@ impl Builder {
             5 => MaterialKind::Cloth { diffuse: a, sheen: b, roughness },
             _ => MaterialKind::Principled { base_color: a, metallic: c, roughness, specular: d },
         };
-        let coat = self.coat(rng);
-        Material { coat, ..Material::from(kind) }
+        let (kind, grain) = self.brushed(rng, kind);
+        Material { grain, coat: self.coat(rng), ..Material::from(kind) }
+    }
+
+    /// A grain for some of those that can have one. Every other one is strong, on a surface that is smooth across it.
+    fn brushed(&mut self, rng: &mut Pcg32, kind: MaterialKind) -> (MaterialKind, Option<Grain>) {
+        if !kind.takes_grain() || rng.next_f32() > 0.5 {
+            return (kind, None);
+        }
+        let grain = Grain { anisotropy: self.input(rng, true), turn: self.input(rng, true) };
+        if rng.next_f32() < 0.5 {
+            return (kind, Some(grain));
+        }
+        let mut within = |least: f32, range: f32| {
+            let texels = self.texture(rng, [3, 4], 1);
+            self.description.textures[texels].data.iter_mut().for_each(|x| *x = least + 2.0 * range * (*x - 0.3));
+            Input::Texture(texels)
+        };
+        let (roughness, anisotropy) = (within(0.12, 0.03), within(0.9, 0.05));
+        let kind = kind.map(|field, input| if field.name == "roughness" { roughness } else { *input });
+        (kind, Some(Grain { anisotropy, ..grain }))
     }
 
     fn coat(&mut self, rng: &mut Pcg32) -> Option<ClearCoat> {
@@ -154,8 +173,8 @@ impl Builder {
     pub fn material_or_blend(&mut self, rng: &mut Pcg32) -> Material {
         let own = self.material(rng);
         let blend = (rng.next_f32() < 0.3).then(|| {
-            let Material { kind, coat, .. } = self.material(rng);
-            Blend { kind, coat, weight: self.input(rng, true) }
+            let Material { kind, grain, coat, .. } = self.material(rng);
+            Blend { kind, grain, coat, weight: self.input(rng, true) }
         });
         Material { blend, ..own }
     }
@@ -170,7 +189,7 @@ impl Builder {
             vertices: vertices.to_vec(),
             faces: vec![[0, 1, 2]],
             normals: (rng.next_f32() < 0.7).then(|| normals.to_vec()),
-            uvs: (rng.next_f32() < 0.7).then(|| uvs.to_vec()),
+            uvs: (rng.next_f32() < 0.7 || material.needs_tangents()).then(|| uvs.to_vec()),
             colors: Some(colors.to_vec()),
         };
         self.description.shapes.push(Shape { mesh, material, emission: None });
@@ -312,7 +331,7 @@ impl Moving {
         });
         let material = &self.scene.description.shapes[si.prim as usize].material;
         let mut inputs = [constants(Vec3::ZERO); MAX_INPUTS];
-        let mut of_layer = |kind: &MaterialKind, coat: &Option<ClearCoat>, from: usize| {
+        let mut of_layer = |kind: &MaterialKind, grain: &Option<Grain>, coat: &Option<ClearCoat>, from: usize| {
             for (value, (_, input)) in inputs[from..].iter_mut().zip(kind.inputs()) {
                 *value = self.lookup(*input, si.prim, b);
             }
@@ -320,13 +339,34 @@ impl Moving {
                 let [weight, roughness] = [coat.weight, coat.roughness].map(|input| self.lookup(input, si.prim, b)[0]);
                 inputs[from + MODEL_INPUTS] = [weight, roughness, number(0.0, 0.0)];
             }
+            if let Some(grain) = grain {
+                let [anisotropy, turn] = [grain.anisotropy, grain.turn].map(|input| self.lookup(input, si.prim, b)[0]);
+                inputs[from + GRAIN] = [anisotropy, turn, number(0.0, 0.0)];
+            }
         };
-        of_layer(&material.kind, &material.coat, 0);
+        of_layer(&material.kind, &material.grain, &material.coat, 0);
         if let Some(blend) = &material.blend {
-            of_layer(&blend.kind, &blend.coat, LAYER_INPUTS);
+            of_layer(&blend.kind, &blend.grain, &blend.coat, LAYER_INPUTS);
             inputs[BLEND_WEIGHT] = self.lookup(blend.weight, si.prim, b);
         }
-        Vertex { p, b, ng, ns: smooth.unwrap_or(ng), wi: line[1].map(|x| -x), smooth: smooth.is_some(), inputs }
+        let ns = smooth.unwrap_or(ng);
+        let axes = if material.needs_tangents() { self.axes(si, ns) } else { [constants(Vec3::ZERO); 2] };
+        Vertex { p, b, ng, ns, axes, wi: line[1].map(|x| -x), smooth: smooth.is_some(), inputs }
+    }
+
+    /// Where u grows and where v falls, perpendicular to the normal `n`.
+    fn axes(&self, si: &SurfaceInteraction, n: Vector) -> [Vector; 2] {
+        let p = self.corners(si.prim);
+        let corner = |i: usize| self.uv(si.prim, from_fn(|k| number(f64::from(u8::from(k == i)), 0.0)));
+        let uv = [0, 1, 2].map(corner);
+        let (p, uv) = ([minus(p[1], p[0]), minus(p[2], p[0])], [1, 2].map(|i| [0, 1].map(|k| uv[i][k] - uv[0][k])));
+        // p = u ∂p/∂u + v ∂p/∂v along both edges, solved for the first.
+        let area = uv[0][0] * uv[1][1] - uv[0][1] * uv[1][0];
+        let by_u = times(minus(times(p[0], uv[1][1]), times(p[1], uv[0][1])), 1.0 / area);
+        let tangent = unit(minus(by_u, times(n, dot(n, by_u))));
+        let is_seen_from_behind = dot(self.normal(si.prim), n).value < 0.0;
+        let falls = if (area.value > 0.0) == is_seen_from_behind { 1.0 } else { -1.0 };
+        [tangent, times(cross(n, tangent), Dual::constant(falls))]
     }
 
     pub fn uv(&self, prim: PrimId, b: [Number; 3]) -> [Number; 2] {
@@ -493,6 +533,8 @@ pub struct Vertex {
     pub b: [Number; 3],
     pub ng: Vector,
     pub ns: Vector,
+    /// Tangent and bitangent, of what has a grain.
+    pub axes: [Vector; 2],
     pub wi: Vector,
     pub smooth: bool,
     pub inputs: [Vector; MAX_INPUTS],
@@ -510,7 +552,8 @@ impl Vertex {
         // Lengths in single precision are off by 1e-7, which makes the half vector of nearly opposite directions wrong by 1e-5.
         let (wi, unit_wo) = (unit(self.wi), unit(wo));
         let cosines = [dot(self.ns, wi), dot(self.ns, unit_wo), dot(wi, unit_wo)];
-        let [matte, lobe] = twins(material, cosines, &self.inputs);
+        let along = [wi, unit_wo].map(|w| self.axes.map(|axis| dot(axis, w)));
+        let [matte, lobe] = twins(material, cosines, along, &self.inputs);
         let f = match part {
             Some(Part::Diffuse) => matte,
             Some(Part::Specular) => lobe,
