@@ -192,7 +192,7 @@ fn caustics_of_coarse_glass() {
         max_bounces: 4,
         spp: 64,
         h: 0.01,
-        seeds: 64,
+        seeds: 24,
         fd_spp: 512,
         fd_seeds: 32,
         method: Method::Light,
