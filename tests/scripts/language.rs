@@ -104,6 +104,9 @@ fn functions_lambdas_pipes_strings() {
     check("", "dot([1, 2, 3], [4, 5, 6])", json!(32));
     check("", "cross([1, 0, 0], [0, 1, 0])", json!([0, 0, 1]));
     check("", "mix(0, 10, 0.25)", json!(2.5));
+    check("", "smoothstep(1, 3, [0, 1.5, 2, 9])", json!([0, 0.15625, 0.5, 1]));
+    check("", "smoothstep(0deg, 90deg, 45deg)", json!(0.5));
+    check("param x = 1.5", "grad(smoothstep(1, 3, x), x)", json!(0.5625));
     check("", "linspace(0, 1, 3)", json!([0, 0.5, 1]));
 }
 

@@ -1,9 +1,8 @@
-//! Microfacets that are rougher in one direction than in the other: metal that was brushed, turned on a lathe or rolled, satin, hair of one lie.
+//! Microfacets that are rougher in one direction than in the other: metal that was brushed, rolled or turned on a lathe, and satin.
 //!
 //! GGX stretched along an axis of the surface (Walter et al. 2007; Heitz 2014, "Understanding the Masking-Shadowing Function in
-//! Microfacet-Based BRDFs", equations 85 and 86), with the widths of glTF's `KHR_materials_anisotropy`: α across the grooves, as of the
-//! surface without them, is α + (1 − α) s² along the axis, s being the anisotropy. So highlights are drawn out along the axis, and the grooves
-//! lie across it.
+//! Microfacet-Based BRDFs", equations 85 and 86), with the widths of glTF's `KHR_materials_anisotropy`: across the axis the α that the surface has
+//! without a grain, along it α + (1 − α) s² with the anisotropy s. So highlights are drawn out along the axis, and the grooves lie across it.
 
 use std::f32::consts::FRAC_1_PI;
 
@@ -135,6 +134,7 @@ impl Microfacets for Brush {
         self.eval_and_pdf(angles).0
     }
 
+    /// Without what depends on how the surface lies about its normal, which [`Brushed`] adds.
     fn d_eval(&self, angles: &Angles, half_fixed: bool) -> Lobe {
         self.d_lobe(angles, half_fixed).even
     }
