@@ -1,7 +1,8 @@
 //! Surfaces with a grain: derivatives in its strength and its direction, and in what moves the surface, what it is made of and what is seen in it.
 
 use crate::common::*;
-use dscene::mesh::{Mesh, shapes};
+use crate::normal_maps::pictured_floor;
+use dscene::mesh::shapes;
 use dscene::render::texture::{Filter, Texture, Wrap};
 use dscene::render::*;
 use glam::{Mat3, Quat, Vec2, Vec3, vec2, vec3};
@@ -35,14 +36,6 @@ struct Made {
     roll: f32,
     /// Of the mesh, along x.
     squeeze: f32,
-}
-
-/// With the texture coordinates of a picture whose right is +x and whose upper end is +z: seen from above it is mirrored.
-fn pictured_floor(radius: f32) -> Mesh {
-    let mut floor = floor(Vec3::ZERO, radius);
-    let uv = |p: &Vec3| vec2(0.5 + 0.5 * p.x / radius, 0.5 - 0.5 * p.z / radius);
-    floor.uvs = Some(floor.vertices.iter().map(uv).collect());
-    floor
 }
 
 impl Made {

@@ -22,7 +22,7 @@ fn waves(b: &mut Builder, amplitude: f32) -> Input {
 }
 
 /// With the texture coordinates of a picture whose right is +x and whose upper end is +z: seen from above it is mirrored.
-fn pictured_floor(radius: f32) -> Mesh {
+pub fn pictured_floor(radius: f32) -> Mesh {
     let mut floor = floor(Vec3::ZERO, radius);
     let uv = |p: &Vec3| vec2(0.5 + 0.5 * p.x / radius, 0.5 - 0.5 * p.z / radius);
     floor.uvs = Some(floor.vertices.iter().map(uv).collect());
