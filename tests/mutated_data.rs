@@ -5,7 +5,7 @@ mod cpu;
 #[path = "common/dice.rs"]
 mod dice;
 
-use dscene::data::{npy, safetensors, table};
+use dscene::data::{ies, npy, safetensors, table};
 use dscene::image::Image;
 use dscene::image::file::{self, Encoding};
 use dscene::network::{Description, Network};
@@ -109,6 +109,17 @@ fn damaged_jpeg() {
 fn damaged_npy() {
     let array = Tensor { shape: vec![3, 4], data: (0..12).map(f64::from).collect() };
     survives("NPY", &npy::encode(&array), |bytes| npy::decode(bytes).map(|_| ()));
+}
+
+#[test]
+fn damaged_ies() {
+    let text = "IESNA:LM-63-2002\n[TEST] none\nTILT=INCLUDE\n1 2\n0 90\n1 1\n1 1000 2 3 3 1 2 0.1 0.1 0\n1 1 30\n0 45 90\n0 90 180\n\
+        9 8 7\n6 5 4\n3 2 1\n";
+    survives("IES", text.as_bytes(), |bytes| {
+        let map = ies::decode(bytes)?.map()?;
+        assert!(map.data.iter().all(|c| c.is_finite() && *c >= 0.0));
+        Ok(())
+    });
 }
 
 #[test]

@@ -67,7 +67,7 @@ fn describe(case: &Case, row: &Row, words: &mut Words) -> Value {
         "textures": textures(&scene, words),
         "delta_lights": scene.delta_lights.iter().map(delta_light).collect::<Vec<Value>>(),
         "environment": scene.environment.as_ref().map(|e| json!({
-            "texture": e.radiance, "rotation": e.rotation.transpose().to_cols_array(),
+            "texture": e.texels, "rotation": e.rotation.transpose().to_cols_array(),
         })),
         "velocities": velocities,
     })
@@ -150,6 +150,10 @@ fn delta_light(light: &DeltaLight) -> Value {
         // Mitsuba's fades out in another way: no scene has one.
         DeltaLight::Spot { position, intensity, .. } => {
             json!({"kind": "spot", "position": position.to_array(), "power": intensity.to_array()})
+        }
+        // No scene has one.
+        DeltaLight::Goniometric { position, intensity, .. } => {
+            json!({"kind": "point", "position": position.to_array(), "power": intensity.to_array()})
         }
         DeltaLight::Directional { direction, irradiance } => {
             json!({"kind": "directional", "direction": direction.to_array(), "power": irradiance.to_array()})

@@ -7,7 +7,7 @@ use dscene::grad::{Scene, Settings, render, render_backward};
 use dscene::image::Image;
 use dscene::mesh::{Mesh, shapes};
 use dscene::render::texture::{Filter, Texture, Wrap};
-use dscene::render::{Camera, Environment, Input, Material, MaterialKind, Output, SceneDescription, Slot};
+use dscene::render::{Camera, Input, Material, MaterialKind, Output, SceneDescription, Slot, SphericalMap};
 use dscene::session::clock::{Elapsed, Stopwatch};
 use glam::{Mat3, Vec3, vec3};
 use serde_json::{Value, json};
@@ -157,7 +157,7 @@ fn texture(size: usize) -> (SceneDescription, Camera, Slot) {
 fn environment(size: usize) -> (SceneDescription, Camera, Slot) {
     let mut b = Builder::default();
     b.description.textures.push(painted(size, size / 2));
-    b.description.environment = Some(Environment { radiance: 0, rotation: Mat3::IDENTITY });
+    b.description.environment = Some(SphericalMap { texels: 0, rotation: Mat3::IDENTITY });
     let grey = b.diffuse(Vec3::splat(0.6));
     b.add(shapes::sphere(1.0, 64).unwrap_or_default(), grey);
     let camera = with_light_and_floor(&mut b);

@@ -7,8 +7,8 @@ use std::f32::consts::PI;
 use dscene::mesh::{Mesh, ops, shapes};
 use dscene::render::texture::{Filter, Texture, Wrap};
 use dscene::render::{
-    Camera, DeltaLight, Emission, Environment, Input, Material, MaterialKind, Output, Projection, SceneDescription,
-    Shape,
+    Camera, DeltaLight, Emission, Input, Material, MaterialKind, Output, Projection, SceneDescription, Shape,
+    SphericalMap,
 };
 use glam::{DVec3, Mat3, Vec3, vec3};
 
@@ -413,7 +413,7 @@ fn environments(cases: &mut Vec<Case>) {
     let kind = Kind::EnvironmentShadow;
     let lit = |b: &mut Builder, texture: Texture, rotation: Mat3| {
         b.description.textures.push(texture);
-        b.description.environment = Some(Environment { radiance: b.description.textures.len() - 1, rotation });
+        b.description.environment = Some(SphericalMap { texels: b.description.textures.len() - 1, rotation });
     };
     for (param, ramp, slide, raise) in [("blocker x", Ramp::X, 1.0, 0.0), ("blocker y", Ramp::Y, 0.0, 1.0)] {
         cases.push(Case {
@@ -696,7 +696,7 @@ fn textures(cases: &mut Vec<Case>) {
                 }
                 b.description.textures.push(sunny.clone());
                 b.description.environment =
-                    Some(Environment { radiance: b.description.textures.len() - 1, rotation: Mat3::IDENTITY });
+                    Some(SphericalMap { texels: b.description.textures.len() - 1, rotation: Mat3::IDENTITY });
                 (b.description, camera(vec3(0., 0.8, -5.), Vec3::ZERO, 45.0))
             })
         });

@@ -18,8 +18,8 @@ use crate::memory::{self, Shortage};
 use crate::mesh::Mesh;
 use crate::render::texture::Texture;
 use crate::render::{
-    Camera, DeltaLight, Emission, Environment, Input, Material, MaterialKind, NORMALS, OPACITY, Scene,
-    SceneDescription, SceneError, Settings, Shape, Slot, TextureId, WEIGHT, render_until,
+    Camera, DeltaLight, Emission, Input, Material, MaterialKind, NORMALS, OPACITY, Scene, SceneDescription, SceneError,
+    Settings, Shape, Slot, SphericalMap, TextureId, WEIGHT, render_until,
 };
 use crate::stop;
 
@@ -121,8 +121,9 @@ impl SceneBuilder {
         index
     }
 
-    /// Adds a point, spot or directional light: `NAME.position` (a directional light's is its direction) and `NAME.intensity`, of a
-    /// spot `NAME.axis` and `NAME.cone` too.
+    /// Adds a point, spot, goniometric or directional light: `NAME.position` (a directional light's is its direction) and
+    /// `NAME.intensity`, of a spot `NAME.axis` and `NAME.cone` too, of a goniometric light `NAME.profile` (the texels of its map) and
+    /// `NAME.rotation`.
     pub fn light(&mut self, name: &str, light: DeltaLight) -> usize {
         let index = self.description.delta_lights.len();
         self.add_name(name, "position", Slot::LightPlacement(index));
@@ -130,6 +131,10 @@ impl SceneBuilder {
         if light.cone().is_some() {
             self.add_name(name, "axis", Slot::LightAxis(index));
             self.add_name(name, "cone", Slot::LightCone(index));
+        }
+        if let Some(profile) = light.profile() {
+            self.add_name(name, "profile", Slot::Texels(profile.texels));
+            self.add_name(name, "rotation", Slot::LightRotation(index));
         }
         self.description.delta_lights.push(light);
         index
@@ -139,7 +144,7 @@ impl SceneBuilder {
     pub fn environment(&mut self, radiance: Texture) -> TextureId {
         let id = self.description.textures.len();
         self.description.textures.push(radiance);
-        self.description.environment = Some(Environment { radiance: id, rotation: Mat3::IDENTITY });
+        self.description.environment = Some(SphericalMap { texels: id, rotation: Mat3::IDENTITY });
         self.add_name("environment", "radiance", Slot::Texels(id));
         self.add_name("environment", "rotation", Slot::EnvironmentRotation);
         id

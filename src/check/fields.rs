@@ -213,7 +213,7 @@ pub fn type_of(program: &Program, target: &Target) -> Ty {
 const LIGHTS: [(&str, &[&str]); 7] = [
     ("area", &["radiance", "mesh", "two_sided", "material"]),
     ("light", &["radiance", "mesh", "two_sided", "material"]),
-    ("point", &["position", "intensity"]),
+    ("point", &["position", "intensity", "profile", "rotation"]),
     ("spot", &["position", "direction", "intensity", "cutoff", "beam"]),
     ("directional", &["direction", "irradiance"]),
     ("environment", &["image", "radiance", "rotation"]),
@@ -322,6 +322,7 @@ pub fn field_type(ty: &Ty, name: &str) -> Option<Ty> {
         (Ty::Material, "a" | "b") => Ty::Material,
         (Ty::Material, "turn") => Ty::Angle,
         (Ty::Light, "rotation") => Ty::Rotation,
+        (Ty::Light, "profile") => Ty::Texture,
         (Ty::Texture, "texels") => super::signature::any_image(),
         (Ty::Texture, "width" | "height") => Ty::SCALAR,
         // The constructors make a colour of a number.

@@ -12,7 +12,7 @@ use crate::diag::Diagnostic;
 use crate::source::Span;
 
 /// Natives whose first argument may be a path to a file that they read.
-pub const READERS: [&str; 12] = [
+pub const READERS: [&str; 13] = [
     "load",
     "load_scene",
     "load_shapes",
@@ -22,6 +22,7 @@ pub const READERS: [&str; 12] = [
     "load_json",
     "load_table",
     "load_array",
+    "load_profile",
     "load_network",
     "texture",
     "environment",
@@ -36,6 +37,8 @@ fn other_reader(callee: &str, path: &str) -> Option<(&'static str, &'static str)
             Some(("an image", "load_image"))
         }
         "load_image" if is(&crate::mesh::load::EXTENSIONS) => Some(("a mesh", "load")),
+        "load_image" | "texture" | "environment" if is(&["ies"]) => Some(("the profile of a light", "load_profile")),
+        "load_profile" if is(&crate::image::file::READABLE) => Some(("an image", "load_image")),
         _ => None,
     }
 }
@@ -47,6 +50,12 @@ impl Checker<'_> {
         let name = self.slot(id).name.text.clone();
         if READERS.contains(&name.as_str())
             && let Some(Some(path)) = found.first_mut()
+        {
+            self.check_file(&name, path);
+        }
+        if name == "point"
+            && let Some(profile) = signature.params.iter().position(|p| p.name == "profile")
+            && let Some(Some(path)) = found.get_mut(profile)
         {
             self.check_file(&name, path);
         }
@@ -80,7 +89,11 @@ impl Checker<'_> {
         let full = folder.join(path.as_str());
         let written = self.sources.text(expr.span).to_owned();
         if let Some((kind, reader)) = other_reader(callee, path) {
-            let wanted = if kind == "a mesh" { "an image" } else { "a mesh" };
+            let wanted = match callee {
+                "load_profile" => "photometric files",
+                "load_image" | "texture" | "environment" => "an image",
+                _ => "a mesh",
+            };
             self.diagnostics.push(
                 Diagnostic::error("dscene::file::format", format!("`{path}` is {kind}, and `{callee}` reads {wanted}"))
                     .label(expr.span, format!("{kind}, by its ending"))

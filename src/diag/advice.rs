@@ -351,7 +351,7 @@ pub fn standing_still(name: &str) -> Option<&'static str> {
 /// The light that has such an argument, which the fields of `light NAME { … }` (an area light) have not.
 pub fn light_with(argument: &str) -> Option<&'static str> {
     Some(match argument {
-        "position" | "intensity" => "point",
+        "position" | "intensity" | "profile" => "point",
         "direction" | "irradiance" => "directional",
         "cutoff" | "beam" => "spot",
         "image" | "rotation" => "environment",
@@ -394,7 +394,8 @@ pub fn function(name: &str) -> Option<&'static str> {
         "envmap" | "environment_map" | "infinite" | "ibl" => "environment",
         "emitter" | "area_light" | "arealight" => "area",
         "sun" | "distant" => "directional",
-        "pointlight" | "point_light" => "point",
+        "pointlight" | "point_light" | "goniometric" | "projector" | "ies" => "point",
+        "load_ies" | "read_ies" | "ies_profile" | "photometry" => "load_profile",
         "perspective" | "sensor" | "pinhole" => "camera",
         "obj" | "ply" | "load_mesh" | "load_obj" | "import_mesh" => "load",
         "imread" | "read_image" | "open" => "load_image",

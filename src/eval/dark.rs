@@ -36,7 +36,7 @@ pub(super) fn reason(scene: &Scene, camera: &Camera) -> Darkness {
         })
         .chain(description.delta_lights.iter().map(|l| is_lit(&l.power())))
         .chain(description.light_motions.iter().map(|m| is_lit(&m.closing.power())))
-        .chain(description.environment.iter().map(|e| texture(e.radiance)))
+        .chain(description.environment.iter().map(|e| texture(e.texels)))
         .collect();
     if emitters.is_empty() {
         return Darkness::NoLight;

@@ -28,7 +28,7 @@ pub(super) fn facing_away(scene: &Scene, camera: &Camera) -> Vec<Facing> {
     let fading = |light: usize| description.light_motions.iter().any(|motion| motion.light == light);
     let spots = description.delta_lights.iter().enumerate().filter(|(i, light)| match light {
         DeltaLight::Spot { position, cone, .. } => !fading(*i) && misses(description, *position, cone),
-        DeltaLight::Point { .. } | DeltaLight::Directional { .. } => false,
+        DeltaLight::Point { .. } | DeltaLight::Goniometric { .. } | DeltaLight::Directional { .. } => false,
     });
     unseen.chain(spots.map(|(i, _)| Facing::Spot(i))).collect()
 }

@@ -9,14 +9,15 @@ use glam::{DVec3, Mat3, Vec3};
 use crate::grad::{Scene, SceneError};
 use crate::mesh::Mesh;
 use crate::natives::value::{
-    CameraValue, DeltaLightValue, DeltaModel, Input, LightValue, MaterialValue, MeshValue, SceneValue, ShapeValue,
-    Value,
+    CameraValue, DeltaLightValue, DeltaModel, Input, LightValue, MaterialValue, MeshValue, ProfileValue, SceneValue,
+    ShapeValue, Value,
 };
 use crate::natives::{NEEDS_FOCUS, transform_matrix};
 use crate::render::texture::{Filter, Texture, Wrap};
 use crate::render::{
-    Camera, Cone, Crop, DeltaLight, Distortion, Emission, Environment, Input as RenderInput, Lens, LightMotion,
-    Material, MaterialKind, Motion, PixelFilter, Pose, Projection, Quantity, SceneDescription, Shape, Slot, TextureId,
+    Camera, Cone, Crop, DeltaLight, Distortion, Emission, Input as RenderInput, Lens, LightMotion, Material,
+    MaterialKind, Motion, PixelFilter, Pose, Projection, Quantity, SceneDescription, Shape, Slot, SphericalMap,
+    TextureId,
 };
 use crate::stop::paced;
 use crate::tape::{Slice, TapeError, Tensor, Unary, Var};
@@ -220,24 +221,32 @@ impl Builder {
                         what: "an environment is an image or a color".into(),
                     }));
                 };
-                let mut matrix = Mat3::IDENTITY;
-                if let Some(rotation) = rotation {
-                    let m = Tensor { shape: vec![9], data: rotation.value().data.clone() }.to_f32();
-                    // The tensor's rows are the matrix's rows.
-                    matrix = Mat3::from_cols_slice(&m).transpose();
-                    self.feed(Slot::EnvironmentRotation, rotation);
-                }
-                self.description.environment = Some(Environment { radiance, rotation: matrix });
+                let rotation = self.rotation(rotation.as_ref(), Slot::EnvironmentRotation);
+                self.description.environment = Some(SphericalMap { texels: radiance, rotation });
             }
         }
         Ok(())
     }
 
+    /// The matrix of the rotation that feeds a slot.
+    fn rotation(&mut self, rotation: Option<&Var>, slot: Slot) -> Mat3 {
+        let Some(rotation) = rotation else { return Mat3::IDENTITY };
+        self.feed(slot, rotation);
+        let m = Tensor { shape: vec![9], data: rotation.value().data.clone() }.to_f32();
+        // The tensor's rows are the matrix's rows.
+        Mat3::from_cols_slice(&m).transpose()
+    }
+
     fn delta(&mut self, value: &DeltaLightValue) -> Result<(), LowerError> {
         let light = self.description.delta_lights.len();
-        let slots = [Slot::LightPlacement, Slot::LightPower, Slot::LightAxis, Slot::LightCone];
-        let closing_slots =
-            [Slot::ClosingLightPlacement, Slot::ClosingLightPower, Slot::ClosingLightAxis, Slot::ClosingLightCone];
+        let slots = [Slot::LightPlacement, Slot::LightPower, Slot::LightAxis, Slot::LightCone, Slot::LightRotation];
+        let closing_slots = [
+            Slot::ClosingLightPlacement,
+            Slot::ClosingLightPower,
+            Slot::ClosingLightAxis,
+            Slot::ClosingLightCone,
+            Slot::ClosingLightRotation,
+        ];
         let opening = self.keyframe(value, slots.map(|slot| slot(light)))?;
         self.description.delta_lights.push(opening);
         if let Some(closing) = &value.closing {
@@ -247,11 +256,11 @@ impl Builder {
         Ok(())
     }
 
-    /// A light without area at one keyframe, whose numbers feed the slots of its placement, power, axis and cone.
+    /// A light without area at one keyframe, whose numbers feed the slots of its placement, power, axis, cone and rotation.
     fn keyframe(
         &mut self,
         light: &DeltaLightValue,
-        [placement, power, axis, angles]: [Slot; 4],
+        [placement, power, axis, angles, rotation]: [Slot; 5],
     ) -> Result<DeltaLight, LowerError> {
         let find =
             |name: &str| light.number(name).ok_or_else(|| LowerError::Tape(format!("the light has no `{name}`")));
@@ -264,7 +273,15 @@ impl Builder {
         };
         Ok(match light.model {
             DeltaModel::Point => {
-                DeltaLight::Point { position: get("position", placement)?, intensity: get("intensity", power)? }
+                let (position, intensity) = (get("position", placement)?, get("intensity", power)?);
+                let Some(ProfileValue { map, rotation: turn }) = &light.profile else {
+                    return Ok(DeltaLight::Point { position, intensity });
+                };
+                let RenderInput::Texture(texels) = self.input(&Input::Texture(map.clone()), true)? else {
+                    return Err(bad("a light's profile is an image"));
+                };
+                let profile = SphericalMap { texels, rotation: self.rotation(turn.as_ref(), rotation) };
+                DeltaLight::Goniometric { position, intensity, profile }
             }
             DeltaModel::Directional => DeltaLight::Directional {
                 direction: get("direction", placement)?,

@@ -189,6 +189,9 @@ impl Writer<'_> {
         if light.closing.is_some() {
             self.tell("what moves stands as it does when the shutter opens", &name);
         }
+        if light.profile.is_some() {
+            self.tell("lights of glTF have no `profile`: this one shines equally in all directions", &name);
+        }
         let vector = |field: &str| -> DVec3 {
             match light.number(field).map(|v| &v.value().data[..]) {
                 Some(&[x, y, z]) => DVec3::new(x, y, z),

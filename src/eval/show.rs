@@ -3,7 +3,9 @@
 use serde_json::{Map, Value as Json, json};
 
 use crate::check::types::Ty;
-use crate::natives::value::{DeltaLightValue, GradientEntry, Input, LightValue, MaterialValue, MeshValue, Value};
+use crate::natives::value::{
+    DeltaLightValue, GradientEntry, Input, LightValue, MaterialValue, MeshValue, TextureValue, Value,
+};
 use crate::natives::{field, fields_of};
 use crate::render::{ClearCoat, Grain};
 use crate::tape::{Tensor, Var};
@@ -260,10 +262,14 @@ fn camera_field(name: &str, v: &Value) -> String {
 fn input(i: &Input) -> String {
     match i {
         Input::Number(v) => numbers(v.value(), &number_text),
-        Input::Texture(t) => brief(&Value::Texture(t.clone()), &Ty::Texture),
+        Input::Texture(t) => texture(t),
         Input::VertexColor => "vertex_color()".into(),
         Input::Tinted(t) => format!("vertex_color(times: {})", brief(&Value::Texture(t.clone()), &Ty::Texture)),
     }
+}
+
+fn texture(t: &std::sync::Arc<TextureValue>) -> String {
+    brief(&Value::Texture(t.clone()), &Ty::Texture)
 }
 
 fn light(l: &LightValue) -> String {
@@ -285,7 +291,8 @@ fn delta_light(light: &DeltaLightValue) -> String {
         let ty = if v.shape().is_empty() { &Ty::Angle } else { &Ty::Any };
         format!("{name}: {}", brief(&Value::Num(v.clone()), ty))
     };
-    let numbers: Vec<String> = light.numbers.iter().map(number).collect();
+    let mut numbers: Vec<String> = light.numbers.iter().map(number).collect();
+    numbers.extend(light.profile.iter().map(|profile| format!("profile: {}", texture(&profile.map))));
     format!("{}({})", light.model.name(), numbers.join(", "))
 }
 

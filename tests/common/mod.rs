@@ -130,6 +130,7 @@ fn closing(slot: Slot) -> Slot {
         Slot::LightPower(i) => Slot::ClosingLightPower(i),
         Slot::LightAxis(i) => Slot::ClosingLightAxis(i),
         Slot::LightCone(i) => Slot::ClosingLightCone(i),
+        Slot::LightRotation(i) => Slot::ClosingLightRotation(i),
         slot => slot,
     }
 }

@@ -90,7 +90,7 @@ impl Made {
         let texels = [0.3, 1.4, 0.5, 2.0, 0.7, 0.2, 1.6, 0.4];
         let sky = texels.iter().flat_map(|x| [*x, 0.8 * x + 0.1, 1.2 - 0.4 * x]).collect();
         if let Input::Texture(radiance) = texture(&mut b, [4, 2], sky) {
-            b.description.environment = Some(Environment { radiance, rotation: Mat3::from_rotation_z(0.6) });
+            b.description.environment = Some(SphericalMap { texels: radiance, rotation: Mat3::from_rotation_z(0.6) });
         }
         (b.description, look_at(vec3(0.0, self.eye, -2.5), vec3(0.0, 0.1, 0.0), 40.0, 12))
     }

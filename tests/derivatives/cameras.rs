@@ -175,7 +175,7 @@ fn area_of_a_triangle_in_every_camera() {
 fn many_samples_add_up() {
     let mut b = Builder::default();
     let Input::Texture(radiance) = b.constant(Vec3::splat(0.3)) else { unreachable!() };
-    b.description.environment = Some(Environment { radiance, rotation: Mat3::IDENTITY });
+    b.description.environment = Some(SphericalMap { texels: radiance, rotation: Mat3::IDENTITY });
     let scene = Scene::new(b.description).unwrap();
     for spp in [1, 1 << 20] {
         let settings =

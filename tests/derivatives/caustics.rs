@@ -208,7 +208,7 @@ enum Moves {
     Index,
     Absorption,
     Lamp,
-    /// Which way a spot or a sun shines, and how widely a spot does.
+    /// Which way a spot, a profile or a sun shines, and how widely a spot or how brightly a profile does.
     Aim,
     Beam,
     Eye,
@@ -227,6 +227,8 @@ enum View {
     Ball,
     /// The same ball, lit by a spot, seen by an orthographic camera.
     Spot,
+    /// The same ball and camera, lit by a point with a profile.
+    Profile,
     /// A ball that absorbs, lit by a sun, through a lens.
     Sun,
     /// What a bowl of a mirror with smooth normals throws on a floor.
@@ -274,10 +276,28 @@ impl Row {
         let lamp = vec3(0.6, 3.0, 0.1) + along(Moves::Lamp);
         let aim = vec3(-0.5, -1.6, -0.1) + along(Moves::Aim);
         let camera = match self.view {
-            View::Ball | View::Spot => {
+            View::Ball | View::Spot | View::Profile => {
                 glass(&mut b, body(sphere(0.5, 32).unwrap(), vec3(0.0, 0.8, 0.0)), index, None);
                 if self.view == View::Ball {
                     point(&mut b, lamp, Vec3::splat(9.0));
+                    plain
+                } else if self.view == View::Profile {
+                    let data =
+                        (0..9 * 5).map(|i| 1.0 + 0.8 * (1.7 * i as f32).sin() + shift(Moves::Beam) * (i % 4) as f32);
+                    let map = texture::Texture::new(
+                        9,
+                        5,
+                        1,
+                        data.collect(),
+                        texture::Wrap::Repeat,
+                        texture::Filter::Bilinear,
+                    );
+                    b.description.textures.push(map.unwrap());
+                    let texels = b.description.textures.len() - 1;
+                    let rotation = Mat3::from_rotation_z(0.4 + shift(Moves::Aim)) * Mat3::from_rotation_x(0.7);
+                    let profile = SphericalMap { texels, rotation };
+                    let (position, intensity) = (lamp, Vec3::splat(9.0));
+                    b.description.delta_lights.push(DeltaLight::Goniometric { position, intensity, profile });
                     plain
                 } else {
                     let cone = Cone { axis: aim, beam: 0.05 + shift(Moves::Beam), cutoff: 0.5 };
@@ -365,6 +385,12 @@ fn the_caustic_of_a_ball_has_its_derivatives() {
 fn the_caustic_of_a_spot_has_its_derivatives() {
     use Moves::*;
     check_all(View::Spot, &[Body, Beam, Zoom, Sight]);
+}
+
+#[test]
+fn the_caustic_of_a_profile_has_its_derivatives() {
+    use Moves::*;
+    check_all(View::Profile, &[Body, Lamp, Aim, Beam]);
 }
 
 #[test]

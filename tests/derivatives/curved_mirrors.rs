@@ -153,7 +153,7 @@ fn sky(b: &mut Builder, radiance: impl Fn(f32) -> f32) {
     let map = texture::Texture::new(w, h, 3, data, texture::Wrap::Repeat, texture::Filter::Bilinear);
     b.description.textures.push(map.unwrap());
     b.description.environment =
-        Some(Environment { radiance: b.description.textures.len() - 1, rotation: Mat3::IDENTITY });
+        Some(SphericalMap { texels: b.description.textures.len() - 1, rotation: Mat3::IDENTITY });
 }
 
 /// A floor below a strip of mirror that is bent upwards along its middle. The shading normals there are so oblique that the near half
@@ -263,7 +263,7 @@ fn plate_with_normals(
         let map = texture::Texture::new(4, 2, 3, data, texture::Wrap::Repeat, texture::Filter::Bilinear);
         b.description.textures.push(map.unwrap());
         b.description.environment =
-            Some(Environment { radiance: b.description.textures.len() - 1, rotation: Mat3::IDENTITY });
+            Some(SphericalMap { texels: b.description.textures.len() - 1, rotation: Mat3::IDENTITY });
         (b.description, look_at(vec3(-0.64, 0.9, 2.0), Vec3::ZERO, 40.0, 12))
     }
 }

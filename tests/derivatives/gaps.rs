@@ -64,7 +64,7 @@ fn mirror(b: &mut Builder, mesh: Mesh) {
 fn sky(b: &mut Builder) {
     b.description.textures.push(Texture::constant(Vec3::ONE));
     let radiance = b.description.textures.len() - 1;
-    b.description.environment = Some(Environment { radiance, rotation: glam::Mat3::IDENTITY });
+    b.description.environment = Some(SphericalMap { texels: radiance, rotation: glam::Mat3::IDENTITY });
 }
 
 /// A leaf out of sight with holes: a scene with it is a scene with masks.

@@ -30,7 +30,7 @@ fn pane(b: &mut Builder, mut mesh: Mesh, ior: f32, darker: f32) -> usize {
 fn even_sky(b: &mut Builder) {
     b.description.textures.push(Texture::constant(Vec3::ONE));
     b.description.environment =
-        Some(Environment { radiance: b.description.textures.len() - 1, rotation: Mat3::IDENTITY });
+        Some(SphericalMap { texels: b.description.textures.len() - 1, rotation: Mat3::IDENTITY });
 }
 
 /// A smooth sky of a few texels, which differs from one to the next.
@@ -39,7 +39,7 @@ pub fn sky(b: &mut Builder) {
     let data = texels.iter().flat_map(|x| [*x, 0.8 * x + 0.1, 1.2 - 0.4 * x]).collect();
     b.description.textures.push(Texture::new(4, 2, 3, data, Wrap::Repeat, Filter::Bilinear).unwrap());
     let rotation = Mat3::from_rotation_z(0.6);
-    b.description.environment = Some(Environment { radiance: b.description.textures.len() - 1, rotation });
+    b.description.environment = Some(SphericalMap { texels: b.description.textures.len() - 1, rotation });
 }
 
 /// A floor with a smooth pattern, with light from everywhere.

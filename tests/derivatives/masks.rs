@@ -89,7 +89,7 @@ fn leaves(
             Lamp::Sky => {
                 let radiance = b.constant(Vec3::splat(1.0));
                 let Input::Texture(radiance) = radiance else { unreachable!() };
-                b.description.environment = Some(Environment { radiance, rotation: glam::Mat3::IDENTITY });
+                b.description.environment = Some(SphericalMap { texels: radiance, rotation: glam::Mat3::IDENTITY });
             }
         }
         (b.description, look_at(s.eye, vec3(0., 0.4, 0.), 45., 32))
@@ -179,7 +179,7 @@ fn standing(masked: usize, f: impl Fn(f32, &mut [Vec3; 2])) -> impl Fn(f32) -> (
         b.add(floor(vec3(0.0, 2.0, -9.0), 0.1), grey);
         b.description.shapes[masked].material.opacity = Some(b.scalar(0.5));
         let Input::Texture(radiance) = b.constant(Vec3::ONE) else { unreachable!() };
-        b.description.environment = Some(Environment { radiance, rotation: glam::Mat3::IDENTITY });
+        b.description.environment = Some(SphericalMap { texels: radiance, rotation: glam::Mat3::IDENTITY });
         (b.description, look_at(eye, vec3(0.0, 0.2, 0.0), 30., 32))
     }
 }

@@ -167,7 +167,7 @@ impl Row {
                 let radiance = b.description.textures.len() - 1;
                 // Where the mirror direction is, colours change along the tilt.
                 let rotation = glam::Mat3::from_rotation_z(0.6);
-                b.description.environment = Some(Environment { radiance, rotation });
+                b.description.environment = Some(SphericalMap { texels: radiance, rotation });
             }
             Light::Lamp => {
                 let centre = vec3(0.0, cos, sin) * 3.0;

@@ -61,7 +61,7 @@ fn scenes() -> [(SceneDescription, Camera); 8] {
     let data = (0..16 * 8 * 3).map(|i| if i / 3 == 37 { 40.0 } else { 0.2 + 0.1 * (i * 7 % 5) as f32 }).collect();
     sunny.textures.push(Texture::new(16, 8, 3, data, Wrap::Repeat, Filter::Bilinear).unwrap());
     let rotation = Mat3::from_rotation_y(0.3);
-    sunny.environment = Some(Environment { radiance: sunny.textures.len() - 1, rotation });
+    sunny.environment = Some(SphericalMap { texels: sunny.textures.len() - 1, rotation });
     [
         (description.clone(), camera),
         (description.clone(), Camera { filter: PixelFilter::Mitchell, width: 17, crop, ..camera }),

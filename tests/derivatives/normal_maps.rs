@@ -90,7 +90,7 @@ impl Made {
         let (wrap, filter) = (Wrap::Repeat, Filter::Bilinear);
         b.description.textures.push(Texture { width: 4, height: 2, channels: 3, data, wrap, filter });
         let radiance = b.description.textures.len() - 1;
-        b.description.environment = Some(Environment { radiance, rotation: Mat3::from_rotation_z(0.6) });
+        b.description.environment = Some(SphericalMap { texels: radiance, rotation: Mat3::from_rotation_z(0.6) });
         (b.description, look_at(vec3(0.0, self.eye, -2.5), vec3(0.0, 0.1, 0.0), 40.0, 12))
     }
 }

@@ -246,7 +246,7 @@ fn a_tent_sees_a_square_of_the_way() {
 fn what_is_even_stays_even() {
     let mut b = Builder::default();
     let Input::Texture(radiance) = b.constant(Vec3::splat(0.3)) else { unreachable!() };
-    b.description.environment = Some(Environment { radiance, rotation: glam::Mat3::IDENTITY });
+    b.description.environment = Some(SphericalMap { texels: radiance, rotation: glam::Mat3::IDENTITY });
     let scene = Scene::new(b.description).unwrap();
     for (name, filter) in PixelFilter::NAMES {
         for spp in [2, 3, 16, 100] {

@@ -264,7 +264,7 @@ impl World {
                 scene.textures.push(Texture { width: 8, height: 4, channels: 3, data, wrap, filter });
                 // As far as the light's motion turns the place above.
                 let rotation = Mat3::from_quat(glam::Quat::from_rotation_arc(at.normalize(), place.normalize()));
-                scene.environment = Some(Environment { radiance: scene.textures.len() - 1, rotation });
+                scene.environment = Some(SphericalMap { texels: scene.textures.len() - 1, rotation });
             }
             _ => {
                 let (half, turn) = (self.draw.number(0.15, 0.5), self.draw.turn(0.4));
@@ -351,7 +351,9 @@ fn in_units((mut scene, mut camera): (SceneDescription, Camera), unit: f32) -> (
     let closing = scene.light_motions.iter_mut().map(|motion| &mut motion.closing);
     for light in scene.delta_lights.iter_mut().chain(closing) {
         match light {
-            DeltaLight::Point { position, intensity } | DeltaLight::Spot { position, intensity, .. } => {
+            DeltaLight::Point { position, intensity }
+            | DeltaLight::Spot { position, intensity, .. }
+            | DeltaLight::Goniometric { position, intensity, .. } => {
                 *position *= unit;
                 *intensity *= unit * unit;
             }
@@ -367,10 +369,18 @@ fn in_units((mut scene, mut camera): (SceneDescription, Camera), unit: f32) -> (
     (scene, camera)
 }
 
-/// With what the scenes lack: spot lights, things and lights that move while the shutter is open.
+/// With what the scenes lack: spot lights, lights with profiles, things and lights that move while the shutter is open.
 fn enriched((mut scene, camera): (SceneDescription, Camera), number: u64) -> (SceneDescription, Camera) {
+    let texels = scene.textures.len();
+    let data = (0..6 * 4).map(|i| 0.5 + 0.4 * (2.1 * i as f32).sin()).collect();
+    scene.textures.push(Texture::new(6, 4, 1, data, Wrap::Repeat, Filter::Bilinear).unwrap());
     for light in &mut scene.delta_lights {
         if let DeltaLight::Point { position, intensity } = *light {
+            if number.is_multiple_of(3) {
+                let profile = SphericalMap { texels, rotation: Mat3::from_rotation_x(0.7) };
+                *light = DeltaLight::Goniometric { position, intensity: 2.0 * intensity, profile };
+                continue;
+            }
             let cone = Cone { axis: vec3(0.1, 0.2, 0.0) - position, beam: 0.2, cutoff: 0.7 };
             *light = DeltaLight::Spot { position, intensity: 2.0 * intensity, cone };
         }
@@ -448,6 +458,9 @@ fn rearranged((mut scene, mut camera): (SceneDescription, Camera)) -> (SceneDesc
         match light {
             DeltaLight::Point { position, .. } => *position = place(*position),
             DeltaLight::Spot { position, cone, .. } => (*position, cone.axis) = (place(*position), turn * cone.axis),
+            DeltaLight::Goniometric { position, profile, .. } => {
+                (*position, profile.rotation) = (place(*position), turn * profile.rotation);
+            }
             DeltaLight::Directional { direction, .. } => *direction = turn * *direction,
         }
     }

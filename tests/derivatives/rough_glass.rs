@@ -34,7 +34,7 @@ fn rough_bodies_are_hardly_seen_under_an_even_sky() {
             glass(&mut b, mesh.clone(), [ior, roughness], None);
             b.description.textures.push(texture::Texture::constant(Vec3::ONE));
             b.description.environment =
-                Some(Environment { radiance: b.description.textures.len() - 1, rotation: Mat3::IDENTITY });
+                Some(SphericalMap { texels: b.description.textures.len() - 1, rotation: Mat3::IDENTITY });
             let camera = look_at(vec3(0.3, 1.0, 3.0), Vec3::ZERO, 35.0, 8);
             let settings = Settings {
                 output: Output::Radiance,

@@ -238,7 +238,7 @@ fn halves(at: AtSeam) -> impl Fn(f32) -> (SceneDescription, Camera) {
         };
         b.add(plate, material);
         let Input::Texture(radiance) = b.grey(1.0) else { panic!("a constant") };
-        b.description.environment = Some(Environment { radiance, rotation: Mat3::IDENTITY });
+        b.description.environment = Some(SphericalMap { texels: radiance, rotation: Mat3::IDENTITY });
         (b.description, look_at(vec3(0.3, 0.8, -2.0), Vec3::ZERO, 20.0, 12))
     }
 }

@@ -1,8 +1,8 @@
-//! Spot lights, and lenses that bend straight lines: derivatives against finite differences.
+//! Spot lights, lights with profiles, and lenses that bend straight lines: derivatives against finite differences.
 
 use crate::common::*;
 use dscene::render::*;
-use glam::{Vec3, vec3};
+use glam::{EulerRot, Mat3, Vec3, vec2, vec3};
 
 /// What moves below a spot light.
 struct Stage {
@@ -69,6 +69,57 @@ fn moving_spot() {
     agree("spot moves on", &build(|t, s| s.position += vec3(t, 0.5 * t, -t)), &plan);
     agree("spot turns on", &build(|t, s| s.axis += vec3(2. * t, 0., t)), &plan);
     agree("spot opens on", &build(|t, s| s.cutoff += t), &plan);
+}
+
+/// What moves below a light with a profile.
+struct Luminaire {
+    position: Vec3,
+    turn: Vec3,
+    brightness: f32,
+    blocker: Vec3,
+}
+
+/// A blocker below a luminaire that shines differently in each direction, and hangs askew.
+fn luminaire(f: impl Fn(f32, &mut Luminaire)) -> impl Fn(f32) -> (SceneDescription, Camera) {
+    move |t| {
+        let mut s = Luminaire {
+            position: vec3(0.3, 2.5, 0.2),
+            turn: vec3(0.3, 0.5, -0.2),
+            brightness: 0.0,
+            blocker: Vec3::ZERO,
+        };
+        f(t, &mut s);
+        let mut b = Builder::default();
+        let grey = b.diffuse(Vec3::splat(0.5));
+        b.add(floor(Vec3::ZERO, 2.0), grey.clone());
+        let corners = [vec3(-0.9, 1.0, -0.4), vec3(-0.8, 1.3, 0.5), vec3(0.1, 0.9, -0.5), vec3(0.2, 1.1, 0.4)];
+        b.add(mesh(corners.map(|v| v + s.blocker).to_vec(), vec![[0, 1, 2], [1, 3, 2]]), grey);
+        let [width, height] = [24, 12];
+        let texel = |i: usize| {
+            let uv = vec2((i % width) as f32 + 0.5, (i / width) as f32 + 0.5) / vec2(width as f32, height as f32);
+            let d = environment::environment_direction(uv);
+            1.0 + 0.6 * d.x - 0.7 * d.y * d.z + s.brightness * (i % 3) as f32
+        };
+        let data = (0..width * height).map(texel).collect();
+        let (wrap, filter) = (texture::Wrap::Repeat, texture::Filter::Bilinear);
+        b.description.textures.push(texture::Texture::new(width, height, 1, data, wrap, filter).unwrap());
+        let rotation = Mat3::from_euler(EulerRot::XYZ, s.turn.x, s.turn.y, s.turn.z);
+        let profile = SphericalMap { texels: b.description.textures.len() - 1, rotation };
+        let intensity = vec3(15., 18., 12.);
+        b.description.delta_lights.push(DeltaLight::Goniometric { position: s.position, intensity, profile });
+        (b.description, look_at(vec3(0., 2.4, -5.), Vec3::ZERO, 45., 32))
+    }
+}
+
+#[test]
+fn lights_with_profiles() {
+    let plan = Plan { h: 0.02, spp: 32, fd_spp: 1024, fd_seeds: 8, ..Plan::default() };
+    agree("profile, blocker", &luminaire(|t, s| s.blocker += vec3(t, 0., -t)), &plan);
+    agree("profile moves", &luminaire(|t, s| s.position += vec3(t, 0.5 * t, -t)), &plan);
+    agree("profile turns", &luminaire(|t, s| s.turn += vec3(t, 2. * t, -t)), &plan);
+    agree("profile brightens", &luminaire(|t, s| s.brightness += t), &plan);
+    let global = Plan { max_bounces: 3, ..plan };
+    agree("profile turns, 3 bounces", &luminaire(|t, s| s.turn += vec3(t, 2. * t, -t)), &global);
 }
 
 /// What a lens that distorts sees.

@@ -191,7 +191,7 @@ fn sky(b: &mut Builder) {
     let data = (0..16 * 8 * 3).map(|i| if i / 3 == 37 { 40.0 } else { 0.2 + 0.1 * (i * 7 % 5) as f32 }).collect();
     b.description.textures.push(Texture::new(16, 8, 3, data, Wrap::Repeat, Filter::Bilinear).unwrap());
     let rotation = Mat3::from_rotation_y(0.3);
-    b.description.environment = Some(Environment { radiance: b.description.textures.len() - 1, rotation });
+    b.description.environment = Some(SphericalMap { texels: b.description.textures.len() - 1, rotation });
 }
 
 fn ball(b: &mut Builder) {

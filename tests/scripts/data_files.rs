@@ -102,6 +102,54 @@ fn what_is_saved_is_loaded() {
     assert!(code == 1 && text.contains("a .npy file holds an array of numbers, this is a record"), "{text}");
 }
 
+/// A luminaire of I = cos² γ over a floor, aimed straight down and askew, in candelas and with the factors of the file.
+#[test]
+fn photometric_files_shine() {
+    let folder = tempfile::tempdir().unwrap();
+    let row = |of: fn(f64) -> f64| (0..=36).map(|i| of(f64::from(i) * 2.5).to_string()).collect::<Vec<_>>().join(" ");
+    let (angles, candela) = (row(|a| a), row(|a| 500.0 * a.to_radians().cos().powi(2)));
+    let text = format!(
+        "IESNA:LM-63-1995\r\n[TEST] cos²\r\nTILT=NONE\r\n1 -1 2 37 1 1 2 0 0 0\r\n1 0.5 9\r\n{angles}\r\n0\r\n{candela}\r\n"
+    );
+    fs::write(folder.path().join("lamp.IES"), text).unwrap();
+    holds(
+        folder.path(),
+        "let map = load_profile(\"lamp.IES\")\nexpect map.width == 1\nexpect max(map) ≈ 500 within 0.1%\n\
+         shape ground { mesh: rectangle(width: 20, depth: 20), material: diffuse(reflectance: 0.5) }\n\
+         fn seen(lamp, x) = mean(render(scene(shapes: [ground], lights: [lamp]), camera(position: [x, 0.5, 0], look_at: [x, 0, 0], up: [0, 0, 1], fov: 0.1deg, film: [1, 1]), spp: 4, max_bounces: 1))\n\
+         let down = point(position: [0, 2, 0], intensity: 0.01, profile: \"lamp.IES\")\n\
+         let askew = point(position: [0, 2, 0], profile: map / 100, rotation: aim([1, -1, 0], turn: 77deg))\n\
+         expect seen(down, 0) ≈ 0.5 / pi * 5 / 4 within 0.1%\n\
+         expect seen(down, 1) ≈ 0.5 / pi * 5 * (4 / 5) * 2 / 5 ^ 1.5 within 0.1%\n\
+         expect seen(askew, 2) ≈ 0.5 / pi * 5 * 2 / 8 ^ 1.5 within 0.1%\n\
+         expect seen(askew, 0) ≈ 0.5 / pi * 5 * 0.5 / 4 within 0.1%\n\
+         expect seen(point(position: [0, 2, 0], profile: map, rotation: aim([0, 1, 0])), 0) == 0\n\
+         expect max(abs(aim([0, 3, 0]) @ [0, -1, 0] - [0, 1, 0])) < 1e-12\nexpect max(abs(aim([1, 2, 3]) @ [0, -1, 0] - normalize([1, 2, 3]))) < 1e-12\n",
+    );
+    fs::write(folder.path().join("cut.ies"), "TILT=NONE\n1 1000 1 2\n").unwrap();
+    let point = |file: &str| format!("print point(position: [0, 1, 0], profile: \"{file}\")\n");
+    for (script, says) in [
+        (point("cut.ies"), "cut.ies: the file ends where the number of horizontal angles should stand"),
+        (point("none.ies"), "there is no file `none.ies`"),
+        ("print load_image(\"lamp.IES\")\n".to_owned(), "write `load_profile(\"lamp.IES\")`"),
+        ("print load_ies(\"lamp.IES\")\n".to_owned(), "load_profile"),
+        ("print load_profile(\"lamp.png\")\n".to_owned(), "write `load_image(\"lamp.png\")`"),
+        (
+            "let m = load_profile(\"lamp.IES\")\nprint moving(point(position: [0, 0, 0], profile: m), point(position: [1, 0, 0]))\n".to_owned(),
+            "the keyframes differ in `profile`",
+        ),
+    ] {
+        let (code, text) = run(folder.path(), &script, &[]);
+        assert!(code == 1 && text.contains(says), "{script}{text}");
+    }
+    let (_, text) = run(
+        folder.path(),
+        "let p = point(position: [0, 1, 0], profile: \"lamp.IES\")\nprint p, p.profile.height, p.rotation\n",
+        &[],
+    );
+    assert!(text.contains("profile: ") && text.contains("288"), "{text}");
+}
+
 /// Scripts, imports and all kinds of data: a pipe never begins and a device never ends.
 #[cfg(unix)]
 #[test]

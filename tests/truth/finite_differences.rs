@@ -122,7 +122,7 @@ fn environment_shadow(f: impl Fn(f32, &mut Blocker)) -> impl Fn(f32) -> (SceneDe
         b.description.textures.push(map);
         let radiance = b.description.textures.len() - 1;
         let rotation = glam::Mat3::from_rotation_y(s.light.x) * glam::Mat3::from_rotation_x(s.light.z);
-        b.description.environment = Some(Environment { radiance, rotation });
+        b.description.environment = Some(SphericalMap { texels: radiance, rotation });
         (b.description, look_at(s.eye, s.target, 45., 32))
     }
 }
@@ -458,7 +458,7 @@ fn turning_sun() {
         let map = texture::Texture::new(width, height, 3, data, texture::Wrap::Repeat, filter);
         b.description.textures.push(map.unwrap());
         let rotation = glam::Mat3::from_rotation_x(t);
-        b.description.environment = Some(Environment { radiance: b.description.textures.len() - 1, rotation });
+        b.description.environment = Some(SphericalMap { texels: b.description.textures.len() - 1, rotation });
         (b.description, look_at(vec3(0., 4., -3.), vec3(0., 0., 0.2), 45., 32))
     };
     let plan = Plan { h: 0.05, spp: 64, fd_spp: 512, ..Plan::default() };

@@ -616,10 +616,13 @@ pub fn d_material_fixed(
                 let d_axis = crate::math::d_normalize(cone.axis, falloff.by_axis * d_falloff);
                 out.light_cone(i, d_axis, falloff.by_angles.map(|d| d * d_falloff));
             }
+            // light.power = intensity · profile
+            let delta = &out.scene.description.delta_lights[i as usize];
+            out.light_power(i, d_power * out.scene.profile(delta, -c.dir));
+            d_dir -= out.light_profile(i, -c.dir, d_power * delta.power());
             let d = c.dir * d_r + (d_dir - c.dir * c.dir.dot(d_dir)) / c.distance;
             adj.p -= d;
             out.light_placement(i, d);
-            out.light_power(i, d_power);
         }
         LightKind::Directional(i) => {
             d_direction(out, i, d_dir);

@@ -302,14 +302,14 @@ impl VertexSweep<'_, '_> {
                 self.turn_environment(c, part, found.sky, d_dir);
             }
         }
-        if let Some(light) = c.hit_light.as_ref().filter(|_| !sliding)
-            && let Some(arrival) = light.arrive(si.p)
+        if let Some(mut light) = c.hit_light.filter(|_| !sliding)
+            && let Some(arrival) = self.out.scene.arrive(&mut light, si.p)
         {
             let weight = c.emission_weight / light.pdf * c.through.inv_choice;
             let next = self.path.vertices.get(self.index + 1);
             let crossings = next.map_or(&[][..], |next| self.path.crossings(next.incoming));
             let incident = IncidentLight {
-                light,
+                light: &light,
                 dir: arrival.dir,
                 distance: arrival.distance,
                 geometry: arrival.geometry,

@@ -9,7 +9,7 @@ use crate::render::edges::Edge;
 use crate::render::environment::{d_environment_uv, environment_uv};
 use crate::render::sensor::CameraAdjoint;
 use crate::render::texture::{Footprint, Texture};
-use crate::render::{Environment, Input, MaterialKind, Scene, Shape, Slot};
+use crate::render::{Input, MaterialKind, Scene, Shape, Slot, SphericalMap};
 
 /// The position of a slot that was not requested.
 const NONE: u32 = u32::MAX;
@@ -29,6 +29,7 @@ pub struct Layout {
     light_power: Vec<u32>,
     light_axis: Vec<u32>,
     light_cone: Vec<u32>,
+    light_rotation: Vec<u32>,
     environment_rotation: u32,
     camera_origin: u32,
     camera_frame: u32,
@@ -70,7 +71,8 @@ impl Layout {
             light_placement: lights.clone(),
             light_power: lights.clone(),
             light_axis: lights.clone(),
-            light_cone: lights,
+            light_cone: lights.clone(),
+            light_rotation: lights,
             environment_rotation: NONE,
             camera_origin: NONE,
             camera_frame: NONE,
@@ -121,6 +123,7 @@ impl Layout {
             Slot::LightPower(i) => self.light_power.get_mut(i)?,
             Slot::LightAxis(i) => self.light_axis.get_mut(i)?,
             Slot::LightCone(i) => self.light_cone.get_mut(i)?,
+            Slot::LightRotation(i) => self.light_rotation.get_mut(i)?,
             Slot::EnvironmentRotation => &mut self.environment_rotation,
             Slot::CameraOrigin => &mut self.camera_origin,
             Slot::CameraFrame => &mut self.camera_frame,
@@ -133,6 +136,7 @@ impl Layout {
             | Slot::ClosingLightPower(_)
             | Slot::ClosingLightAxis(_)
             | Slot::ClosingLightCone(_)
+            | Slot::ClosingLightRotation(_)
             | Slot::ClosingCameraOrigin
             | Slot::ClosingCameraFrame
             | Slot::ClosingCameraScale
@@ -633,8 +637,8 @@ impl<'a> Adjoints<'a> {
     pub fn environment(&mut self, dir: Vec3, d: Vec3) -> Vec3 {
         let scene = self.scene;
         let Some(e) = &scene.description.environment else { return Vec3::ZERO };
-        let texture = &scene.description.textures[e.radiance];
-        let start = self.layout.texels[e.radiance];
+        let texture = &scene.description.textures[e.texels];
+        let start = self.layout.texels[e.texels];
         if texture.is_constant() {
             self.add3(start, 0, d);
             return Vec3::ZERO;
@@ -650,24 +654,51 @@ impl<'a> Adjoints<'a> {
         if self.layout.is_static {
             return Vec3::ZERO;
         }
-        self.turned_map(e, texture, &footprint, dir, d)
+        self.turned_map(e, self.layout.environment_rotation, texture, &footprint, dir, d)
     }
 
-    /// Adjoint of the value of a map that is rotated like the environment, in the world direction `dir`; returns the adjoint of `dir`.
-    fn turned_map(&mut self, e: &Environment, map: &Texture, footprint: &Footprint, dir: Vec3, d: Vec3) -> Vec3 {
+    /// Adjoint of the value of a map that is rotated like `e`, in the world direction `dir`; returns the adjoint of `dir`. The adjoint of
+    /// the rotation goes to the slot that starts at `start`.
+    fn turned_map(
+        &mut self,
+        e: &SphericalMap,
+        start: u32,
+        map: &Texture,
+        footprint: &Footprint,
+        dir: Vec3,
+        d: Vec3,
+    ) -> Vec3 {
         let [du, dv] = map.uv_gradient(footprint);
         let local = e.rotation.transpose() * dir;
         let d_local = d_environment_uv(local, Vec2::new(du.dot(d), dv.dot(d)));
-        if self.layout.turns_environment() {
+        if start != NONE {
             // local_j = Σ_i R_ij dir_i
-            let at = self.layout.environment_rotation as usize;
             for (i, dir_i) in dir.to_array().into_iter().enumerate() {
                 for (j, d_j) in d_local.to_array().into_iter().enumerate() {
-                    self.sink.add(at + 3 * i + j, dir_i * d_j);
+                    self.sink.add(start as usize + 3 * i + j, dir_i * d_j);
                 }
             }
         }
         e.rotation * d_local
+    }
+
+    /// Adjoint of the profile of a goniometric light in the unit direction `dir` away from it; returns the adjoint of `dir`. Other lights
+    /// have nothing to pass it on to.
+    pub fn light_profile(&mut self, light: u32, dir: Vec3, d: Vec3) -> Vec3 {
+        let scene = self.scene;
+        let Some(profile) = scene.description.delta_lights[light as usize].profile() else { return Vec3::ZERO };
+        let map = &scene.description.textures[profile.texels];
+        let start = self.layout.texels[profile.texels];
+        if map.is_constant() {
+            self.add3(start, 0, d);
+            return Vec3::ZERO;
+        }
+        let footprint = map.environment_footprint(environment_uv(profile.rotation.transpose() * dir));
+        if start != NONE {
+            let sink = &mut *self.sink;
+            map.scatter_footprint(&footprint, d, |i, v| sink.add(start as usize + i, v));
+        }
+        self.turned_map(&profile, self.layout.light_rotation[light as usize], map, &footprint, dir, d)
     }
 
     /// Adjoint of the radiance of the environment's base (all of it but its peak) in a fixed world direction `dir`. The texels of the base
@@ -677,10 +708,10 @@ impl<'a> Adjoints<'a> {
         let Some(e) = scene.description.environment.as_ref().filter(|_| self.layout.turns_environment()) else {
             return;
         };
-        let map = scene.environment_peak.as_ref().map_or(&scene.description.textures[e.radiance], |peak| &peak.base);
+        let map = scene.environment_peak.as_ref().map_or(&scene.description.textures[e.texels], |peak| &peak.base);
         if !map.is_constant() {
             let footprint = map.environment_footprint(environment_uv(e.rotation.transpose() * dir));
-            self.turned_map(e, map, &footprint, dir, d);
+            self.turned_map(e, self.layout.environment_rotation, map, &footprint, dir, d);
         }
     }
 
@@ -688,11 +719,11 @@ impl<'a> Adjoints<'a> {
     /// Unlike in [`Adjoints::environment`], rotation does not change it, so that only the texels get derivatives.
     pub fn environment_point(&mut self, dir: Vec3, d: Vec3) {
         let Some(e) = &self.scene.description.environment else { return };
-        let start = self.layout.texels[e.radiance];
+        let start = self.layout.texels[e.texels];
         if start == NONE {
             return;
         }
-        let texture = &self.scene.description.textures[e.radiance];
+        let texture = &self.scene.description.textures[e.texels];
         if texture.is_constant() {
             return self.add3(start, 0, d);
         }

@@ -4,11 +4,11 @@ use std::sync::Arc;
 
 use serde_json::Value as Json;
 
-use crate::data::{npy, table};
+use crate::data::{ies, npy, table};
 use crate::files::read_bytes;
 use crate::memory;
 use crate::stop;
-use crate::tape::Tensor;
+use crate::tape::{Tensor, Var};
 
 use super::files::reading;
 use super::value::Value;
@@ -33,6 +33,7 @@ pub(super) const TABLE: &[(&str, Native)] = &[
             Ok(Value::Record(Arc::new(columns.into_iter().map(|(n, c)| (n, value(c))).collect())))
         }
     }),
+    ("load_profile", |a| Ok(Value::Image(load_profile(a, 0)?))),
     ("load_array", |a| {
         let read = read(a, npy::decode)?;
         if let Some(note) = read.note {
@@ -44,10 +45,32 @@ pub(super) const TABLE: &[(&str, Native)] = &[
 
 /// Reads the file that the first argument names and decodes its bytes with `decode`.
 fn read<T: Send + 'static>(a: &Args, decode: fn(&[u8]) -> Result<T, String>) -> Result<T> {
-    let path = a.path(0)?;
+    read_at(a, 0, decode)
+}
+
+/// [`read`] for the file that another argument names.
+fn read_at<T: Send + 'static>(a: &Args, index: usize, decode: fn(&[u8]) -> Result<T, String>) -> Result<T> {
+    let path = a.path(index)?;
     let _work = reading(&path);
     let decoded = stop::apart(move || decode(&read_bytes(&path)?));
-    decoded.map_err(|e| NativeError::at(0, format!("{}: {e}", a.string(0).unwrap_or_default())))
+    decoded.map_err(|e| NativeError::at(index, format!("{}: {e}", a.string(index).unwrap_or_default())))
+}
+
+/// Whether a file is a photometric one, by its ending.
+pub(super) fn is_photometric(path: &str) -> bool {
+    path.rsplit_once('.').is_some_and(|(_, ending)| ending.eq_ignore_ascii_case("ies"))
+}
+
+/// The map of the photometric file that an argument names. Warns about what of it is not done.
+pub(super) fn load_profile(a: &Args, index: usize) -> Result<Var> {
+    let (map, notes) = read_at(a, index, |bytes| {
+        let luminaire = ies::decode(bytes)?;
+        Ok((luminaire.map()?, luminaire.notes))
+    })?;
+    for note in notes {
+        a.warn(NativeError::at(index, note));
+    }
+    Ok(Var::constant(map))
 }
 
 /// Objects become records, and arrays of numbers tensors if their lengths agree. Numbers that are not finite are the strings `"nan"`,

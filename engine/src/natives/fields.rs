@@ -5,10 +5,10 @@ use std::sync::Arc;
 use crate::tape::{Slice, Tensor, Var};
 
 use super::blends::blended;
-use super::scene::{rotation_of, transform_matrix};
+use super::scene::{rotation_of, transform_matrix, unusable_profile};
 use super::value::{
-    CameraValue, Input, LightValue, MaterialValue, MeshValue, SettingsKind, SettingsValue, ShapeValue, TextureValue,
-    Value,
+    CameraValue, DeltaLightValue, Input, LightValue, MaterialValue, MeshValue, ProfileValue, SettingsKind,
+    SettingsValue, ShapeValue, TextureValue, Value,
 };
 use super::{NativeError, Result};
 
@@ -100,7 +100,10 @@ pub fn fields_of(value: &Value) -> Vec<String> {
         Value::Shape(_) => words(&["mesh", "material"]),
         Value::Light(l) => match &**l {
             LightValue::Area { .. } => words(&["mesh", "radiance", "two_sided", "material"]),
-            LightValue::Delta(light) => light.numbers.iter().map(|(n, _)| n.to_string()).collect(),
+            LightValue::Delta(light) => {
+                let profile = light.profile.iter().flat_map(|_| ["profile", "rotation"]);
+                light.numbers.iter().map(|(n, _)| *n).chain(profile).map(str::to_owned).collect()
+            }
             LightValue::Environment { .. } => words(&["radiance", "rotation"]),
         },
         Value::Camera(c) => c.fields.iter().map(|(n, _)| n.clone()).collect(),
@@ -300,11 +303,15 @@ fn light_field(light: &LightValue, name: &str) -> Option<Value> {
         }
         (LightValue::Area { two_sided, .. }, "two_sided") => Some(Value::Bool(*two_sided)),
         (LightValue::Area { material: Some(m), .. }, "material") => Some(Value::Material(m.clone())),
-        (LightValue::Delta(light), _) => light.number(name).cloned().map(Value::Num),
-        (LightValue::Environment { rotation, .. }, "rotation") => {
+        (LightValue::Delta(DeltaLightValue { profile: Some(profile), .. }), "profile") => {
+            Some(Value::Texture(profile.map.clone()))
+        }
+        (LightValue::Delta(DeltaLightValue { profile: Some(ProfileValue { rotation, .. }), .. }), "rotation")
+        | (LightValue::Environment { rotation, .. }, "rotation") => {
             let identity = || Var::constant(Tensor::identity(3));
             Some(Value::Rotation(rotation.clone().unwrap_or_else(identity)))
         }
+        (LightValue::Delta(light), _) => light.number(name).cloned().map(Value::Num),
         _ => None,
     }
 }
@@ -327,11 +334,16 @@ fn set_light_field(light: &LightValue, name: &str, new: &Value) -> Option<Value>
             Value::Material(m) => *material = Some(m.clone()),
             _ => return None,
         },
+        (LightValue::Delta(DeltaLightValue { profile: Some(profile), .. }), "profile") => match as_input(new)? {
+            Input::Texture(map) if unusable_profile(&map).is_none() => profile.map = map,
+            _ => return None,
+        },
+        (LightValue::Delta(DeltaLightValue { profile: Some(ProfileValue { rotation, .. }), .. }), "rotation")
+        | (LightValue::Environment { rotation, .. }, "rotation") => *rotation = Some(rotation_of(new)?),
         (LightValue::Delta(light), _) => {
             let (_, number) = light.numbers.iter_mut().find(|(n, _)| *n == name)?;
             *number = new.var().and_then(|v| v.broadcast_to(number.shape()).ok())?;
         }
-        (LightValue::Environment { rotation, .. }, "rotation") => *rotation = Some(rotation_of(new)?),
         _ => return None,
     }
     Some(Value::Light(Arc::new(light)))

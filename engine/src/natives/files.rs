@@ -224,7 +224,7 @@ fn light(loaded: &LoadedLight) -> LightValue {
             (DeltaModel::Spot, vec![position, direction, ("intensity", intensity), cutoff, beam])
         }
     };
-    LightValue::Delta(DeltaLightValue { model, numbers, closing: None })
+    LightValue::Delta(DeltaLightValue { model, numbers, profile: None, closing: None })
 }
 
 fn cameras(a: &Args) -> Result<Value> {

@@ -11,10 +11,11 @@ use crate::render::{
 use crate::tape::{Slice, Tensor, Var};
 
 use super::blends::blended;
+use super::data::{is_photometric, load_profile};
 use super::images::read_image;
 use super::value::{
-    CameraValue, DeltaLightValue, DeltaModel, Input, LightValue, MaterialValue, MeshValue, SceneValue, SettingsKind,
-    SettingsValue, ShapeValue, TextureValue, Value,
+    CameraValue, DeltaLightValue, DeltaModel, Input, LightValue, MaterialValue, MeshValue, ProfileValue, SceneValue,
+    SettingsKind, SettingsValue, ShapeValue, TextureValue, Value,
 };
 use super::{Args, Native, NativeError, Result};
 
@@ -64,10 +65,7 @@ pub(super) const TABLE: &[(&str, Native)] = &[
     }),
     ("area", area),
     ("light", area),
-    ("point", |a| {
-        let numbers = vec![("position", a.needed_vector("position")?), ("intensity", power(a, "intensity")?)];
-        delta_light(DeltaModel::Point, numbers)
-    }),
+    ("point", point),
     ("spot", spot),
     ("directional", |a| {
         let numbers = vec![("direction", axis(a)?), ("irradiance", power(a, "irradiance")?)];
@@ -372,7 +370,56 @@ fn light(light: LightValue) -> Result<Value> {
 }
 
 fn delta_light(model: DeltaModel, numbers: Vec<(&'static str, Var)>) -> Result<Value> {
-    light(LightValue::Delta(DeltaLightValue { model, numbers, closing: None }))
+    light(LightValue::Delta(DeltaLightValue { model, numbers, profile: None, closing: None }))
+}
+
+fn point(a: &Args) -> Result<Value> {
+    let numbers = vec![("position", a.needed_vector("position")?), ("intensity", power(a, "intensity")?)];
+    let rotation = rotation_argument(a)?;
+    let profile = match a.named("profile") {
+        Some((i, _)) => Some(ProfileValue { map: profile(a, i)?, rotation }),
+        None if rotation.is_some() => {
+            let error = NativeError::new("`rotation` turns a `profile`, and this light has none");
+            let help = "a point light shines equally in all directions: leave `rotation` out, or give it a `profile`";
+            return Err(NativeError { arg: a.index("rotation"), ..error.help(help) });
+        }
+        None => None,
+    };
+    light(LightValue::Delta(DeltaLightValue { model: DeltaModel::Point, numbers, profile, closing: None }))
+}
+
+/// The map of a light's profile: a photometric file, or an image as those of environments.
+fn profile(a: &Args, index: usize) -> Result<Arc<TextureValue>> {
+    let texture = match a.value(index)? {
+        Value::Str(path) if is_photometric(path) => interpolated(load_profile(a, index)?),
+        Value::Str(_) => interpolated(usable_channels(&read_image(a, index)?, index)?),
+        _ => match input(a, index, true)? {
+            Input::Texture(texture) => texture,
+            _ => return Err(a.wrong(index, "an image or a photometric file")),
+        },
+    };
+    if let Some(problem) = unusable_profile(&texture) {
+        return Err(NativeError::at(index, problem).help("leave `filter` out: `\"linear\"` is interpolated"));
+    }
+    within(a, index, &Input::Texture(texture.clone()), 0.0..=LARGEST)?;
+    Ok(texture)
+}
+
+/// An image as the map of an environment or a profile.
+fn interpolated(texels: Var) -> Arc<TextureValue> {
+    Arc::new(TextureValue { texels, wrap: Wrap::Repeat, filter: Filter::Bilinear })
+}
+
+/// Why a texture cannot be a profile. A step in it would cast an outline, whose derivatives no edge of a mesh would give.
+pub(super) fn unusable_profile(texture: &TextureValue) -> Option<&'static str> {
+    let steps = texture.filter == Filter::Nearest && texture.texels.shape()[..2] != [1, 1];
+    steps.then_some("a light's profile is interpolated between its texels, and this texture is not")
+}
+
+/// The argument `rotation`, if there is one: a rotation, or an angle about +y.
+fn rotation_argument(a: &Args) -> Result<Option<Var>> {
+    let rotation = a.named("rotation").map(|(i, v)| rotation_of(v).ok_or_else(|| a.wrong(i, "a rotation or an angle")));
+    rotation.transpose()
 }
 
 /// A direction that is one.
@@ -448,10 +495,7 @@ fn area(a: &Args) -> Result<Value> {
 
 fn environment(a: &Args) -> Result<Value> {
     let mut radiance = match a.value(0)? {
-        Value::Str(_) => {
-            let texels = usable_channels(&read_image(a, 0)?, 0)?;
-            Input::Texture(Arc::new(TextureValue { texels, wrap: Wrap::Repeat, filter: Filter::Bilinear }))
-        }
+        Value::Str(_) => Input::Texture(interpolated(usable_channels(&read_image(a, 0)?, 0)?)),
         _ => input(a, 0, true)?,
     };
     within(a, 0, &radiance, 0.0..=LARGEST)?;
@@ -468,8 +512,7 @@ fn environment(a: &Args) -> Result<Value> {
             other => other,
         };
     }
-    let rotation = a.named("rotation").map(|(i, v)| rotation_of(v).ok_or_else(|| a.wrong(i, "a rotation or an angle")));
-    light(LightValue::Environment { radiance, rotation: rotation.transpose()? })
+    light(LightValue::Environment { radiance, rotation: rotation_argument(a)? })
 }
 
 /// A rotation, or the turn about +y by an angle.
@@ -740,6 +783,14 @@ fn moving_light(a: &Args, opening: &LightValue, closing: &LightValue) -> Result<
     }
     match (opening, closing) {
         (Delta(opening), Delta(closing)) if opening.model == closing.model => {
+            let map = |l: &DeltaLightValue| l.profile.as_ref().map(|profile| profile.map.texels.id());
+            if map(opening) != map(closing) {
+                return Err(NativeError::at(
+                    1,
+                    "the keyframes differ in `profile`, which cannot change while the shutter is open",
+                )
+                .help("give both keyframes the same `profile`: `let lamp = load_profile(…)`"));
+            }
             light(Delta(DeltaLightValue { closing: Some(Arc::new(closing.clone())), ..opening.clone() }))
         }
         (Area { .. }, _) => Err(NativeError::at(0, "a light with an area moves as its mesh does")

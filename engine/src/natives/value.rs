@@ -117,8 +117,18 @@ pub struct DeltaLightValue {
     pub model: DeltaModel,
     /// By the name of the constructor's argument.
     pub numbers: Vec<(&'static str, Var)>,
+    /// Of a point light, what its intensity is multiplied by in each direction.
+    pub profile: Option<ProfileValue>,
     /// The same light at the closing keyframe, if it moves while the shutter is open; that one has none.
     pub closing: Option<Arc<DeltaLightValue>>,
+}
+
+/// An equirectangular map of what a light sends in each direction.
+#[derive(Clone)]
+pub struct ProfileValue {
+    pub map: Arc<TextureValue>,
+    /// Turns directions of the map into those of the world; as the map lies if there is none.
+    pub rotation: Option<Var>,
 }
 
 impl DeltaLightValue {

@@ -211,7 +211,7 @@ mod tests {
     use crate::mesh::Mesh;
     use crate::mesh::shapes::{icosphere, rectangle};
     use crate::render::material::{Input, Material, MaterialKind};
-    use crate::render::scene::{DeltaLight, Emission, Environment, SceneDescription, Shape};
+    use crate::render::scene::{DeltaLight, Emission, SceneDescription, Shape, SphericalMap};
     use crate::render::texture::{Filter, Texture, Wrap};
 
     /// A glossy ball in a corner, a lamp, and a sky of two halves.
@@ -242,7 +242,7 @@ mod tests {
         let mut sky = vec![0.1; 8 * 4 * 3];
         sky[..8 * 2 * 3].fill(0.6);
         d.textures.push(Texture::new(8, 4, 3, sky, Wrap::Repeat, Filter::Bilinear).unwrap());
-        d.environment = Some(Environment { radiance: d.textures.len() - 1, rotation: Mat3::IDENTITY });
+        d.environment = Some(SphericalMap { texels: d.textures.len() - 1, rotation: Mat3::IDENTITY });
         Scene::new(d).unwrap()
     }
 

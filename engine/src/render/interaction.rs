@@ -6,7 +6,7 @@ use super::accel::{NO_PRIM, PrimId, Ray};
 use super::bsdf::{Bsdf, BsdfSample, Dielectric, Lobe, Part, refract};
 use super::environment::environment_uv;
 use super::material::{Input, Material};
-use super::scene::Environment;
+use super::scene::SphericalMap;
 use super::texture::Texture;
 use super::world::Scene;
 use crate::math::{Frame, luminance};
@@ -157,7 +157,7 @@ impl Scene {
     /// Radiance arriving from infinity against world direction `dir`.
     pub(crate) fn environment_radiance(&self, dir: Vec3) -> Vec3 {
         match &self.description.environment {
-            Some(e) => e.radiance_from(&self.description.textures[e.radiance], dir),
+            Some(e) => e.value_from(&self.description.textures[e.texels], dir),
             None => Vec3::ZERO,
         }
     }
@@ -165,7 +165,7 @@ impl Scene {
     /// The radiance of the environment's base: all of it except its peak.
     pub(crate) fn environment_base(&self, dir: Vec3) -> Vec3 {
         match (&self.description.environment, &self.environment_peak) {
-            (Some(e), Some(peak)) => e.radiance_from(&peak.base, dir),
+            (Some(e), Some(peak)) => e.value_from(&peak.base, dir),
             _ => self.environment_radiance(dir),
         }
     }
@@ -180,9 +180,9 @@ impl Scene {
     }
 }
 
-impl Environment {
-    /// The value in world direction `dir` of a map that is rotated like this environment.
-    fn radiance_from(&self, map: &Texture, dir: Vec3) -> Vec3 {
+impl SphericalMap {
+    /// The value in world direction `dir` of a map that is rotated like this one.
+    pub(super) fn value_from(&self, map: &Texture, dir: Vec3) -> Vec3 {
         if map.is_constant() {
             return map.color();
         }

@@ -164,12 +164,13 @@ impl LightFilms {
         (first.y..last.y).any(|y| film.covered[y * size..][first.x.min(last.x)..last.x].contains(&true))
     }
 
-    /// The light's power per pixel of its film: intensity times falloff and solid angle, or irradiance times area.
+    /// The light's power per pixel of its film: intensity times falloff or profile and solid angle, or irradiance times area.
     pub fn power(&self, scene: &Scene, film: u32, pixel: Vec2) -> Vec3 {
         let film = &self.films[film as usize];
         let light = &scene.description.delta_lights[film.light as usize];
-        let falloff = light.cone().map_or(1.0, |cone| cone.falloff(film.camera.ray(pixel).dir).value);
-        light.power() * (falloff * film.measure(pixel))
+        let dir = film.camera.ray(pixel).dir;
+        let falloff = light.cone().map_or(1.0, |cone| cone.falloff(dir).value);
+        light.power() * scene.profile(light, dir) * (falloff * film.measure(pixel))
     }
 
     /// Solid angle or area per pixel.

@@ -50,6 +50,15 @@ pub enum DeltaLight {
         /// Which way it shines, and how widely.
         cone: Cone,
     },
+    /// A point whose light differs from direction to direction, as that of luminaires and projectors does.
+    Goniometric {
+        /// In world space.
+        position: Vec3,
+        /// What the profile is multiplied by, W/sr, linear RGB.
+        intensity: Vec3,
+        /// The intensity in each direction away from the point, relative to `intensity`.
+        profile: SphericalMap,
+    },
     /// Parallel light from infinitely far away.
     Directional {
         /// Where the light travels to; need not be of unit length.
@@ -75,15 +84,19 @@ impl DeltaLight {
     /// Position or direction.
     pub fn placement(&self) -> Vec3 {
         match *self {
-            DeltaLight::Point { position, .. } | DeltaLight::Spot { position, .. } => position,
+            DeltaLight::Point { position, .. }
+            | DeltaLight::Spot { position, .. }
+            | DeltaLight::Goniometric { position, .. } => position,
             DeltaLight::Directional { direction, .. } => direction,
         }
     }
 
-    /// Intensity or irradiance.
+    /// Intensity or irradiance; a profile multiplies it.
     pub fn power(&self) -> Vec3 {
         match *self {
-            DeltaLight::Point { intensity, .. } | DeltaLight::Spot { intensity, .. } => intensity,
+            DeltaLight::Point { intensity, .. }
+            | DeltaLight::Spot { intensity, .. }
+            | DeltaLight::Goniometric { intensity, .. } => intensity,
             DeltaLight::Directional { irradiance, .. } => irradiance,
         }
     }
@@ -92,7 +105,15 @@ impl DeltaLight {
     pub fn cone(&self) -> Option<Cone> {
         match *self {
             DeltaLight::Spot { cone, .. } => Some(cone),
-            DeltaLight::Point { .. } | DeltaLight::Directional { .. } => None,
+            DeltaLight::Point { .. } | DeltaLight::Goniometric { .. } | DeltaLight::Directional { .. } => None,
+        }
+    }
+
+    /// The profile of a goniometric light; other lights have none.
+    pub fn profile(&self) -> Option<SphericalMap> {
+        match *self {
+            DeltaLight::Goniometric { profile, .. } => Some(profile),
+            DeltaLight::Point { .. } | DeltaLight::Spot { .. } | DeltaLight::Directional { .. } => None,
         }
     }
 
@@ -106,10 +127,13 @@ impl DeltaLight {
             arrays.push((Slot::LightAxis(i), axis.to_array().to_vec()));
             arrays.push((Slot::LightCone(i), vec![beam, cutoff]));
         }
+        if let Some(profile) = self.profile() {
+            arrays.push((Slot::LightRotation(i), profile.rotation.transpose().to_cols_array().to_vec()));
+        }
         arrays
     }
 
-    /// On the way to a light of the same kind, every number in proportion to `time`.
+    /// On the way to a light of the same kind (and with the same map), every number in proportion to `time`.
     pub fn lerp(&self, to: &DeltaLight, time: f32) -> DeltaLight {
         let (placement, power) = (self.placement().lerp(to.placement(), time), self.power().lerp(to.power(), time));
         match *self {
@@ -121,17 +145,23 @@ impl DeltaLight {
                 let cone = Cone { axis, beam: number(a.beam, b.beam), cutoff: number(a.cutoff, b.cutoff) };
                 DeltaLight::Spot { position: placement, intensity: power, cone }
             }
+            DeltaLight::Goniometric { profile: a, .. } => {
+                let b = to.profile().unwrap_or(a);
+                let rotation = a.rotation + (b.rotation - a.rotation) * time;
+                let profile = SphericalMap { rotation, ..a };
+                DeltaLight::Goniometric { position: placement, intensity: power, profile }
+            }
             DeltaLight::Directional { .. } => DeltaLight::Directional { direction: placement, irradiance: power },
         }
     }
 }
 
-/// Light from infinitely far away: an equirectangular radiance map (u = 0.5 + atan2(d.x, -d.z) / 2π, v = acos(d.y) / π)
-/// looked up in the direction `rotationᵀ · d`. A constant environment is a 1×1 map.
-#[derive(Clone, Debug)]
-pub struct Environment {
+/// A value for each direction d: an equirectangular map (u = 0.5 + atan2(d.x, -d.z) / 2π, v = acos(d.y) / π) looked up in the direction
+/// `rotationᵀ · d`. What is the same in all directions is a 1×1 map.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SphericalMap {
     /// The map; its top row lies straight up.
-    pub radiance: TextureId,
+    pub texels: TextureId,
     /// Turns directions of the map into those of the world.
     pub rotation: Mat3,
 }
@@ -164,14 +194,14 @@ pub struct SceneDescription {
     pub shapes: Vec<Shape>,
     /// No more than one for a shape.
     pub motions: Vec<Motion>,
-    /// What materials, area lights and the environment read, by index.
+    /// What materials, area lights, profiles and the environment read, by index.
     pub textures: Vec<Texture>,
-    /// Point, spot and directional lights.
+    /// Point, spot, goniometric and directional lights.
     pub delta_lights: Vec<DeltaLight>,
     /// No more than one for a light.
     pub light_motions: Vec<LightMotion>,
-    /// What is seen where a ray hits nothing; `None` is black.
-    pub environment: Option<Environment>,
+    /// The radiance from infinitely far away, which is seen where a ray hits nothing; `None` is black.
+    pub environment: Option<SphericalMap>,
     /// What the positions of vertices, lights and cameras are relative to: light is transported, and derivatives taken, around it,
     /// and only the position channel adds it again.
     pub origin: DVec3,
@@ -304,7 +334,7 @@ pub enum Slot {
     Colors(usize),
     /// Texels of texture i, `[height][width][channels]`.
     Texels(TextureId),
-    /// Position (point, spot) or direction (directional) of delta light i, `[3]`.
+    /// Position (point, spot, goniometric) or direction (directional) of delta light i, `[3]`.
     LightPlacement(usize),
     /// Intensity or irradiance of delta light i, `[3]`.
     LightPower(usize),
@@ -312,6 +342,8 @@ pub enum Slot {
     LightAxis(usize),
     /// Beam and cutoff of delta light i, if it is a spot, in radians, `[2]`.
     LightCone(usize),
+    /// Entries of the rotation matrix of delta light i's profile, if it has one, row-major, `[3][3]`.
+    LightRotation(usize),
     /// Entries of the environment's rotation matrix, row-major, `[3][3]`.
     EnvironmentRotation,
     /// World-space origin of the camera, `[3]`.
@@ -336,6 +368,8 @@ pub enum Slot {
     ClosingLightAxis(usize),
     /// Beam and cutoff of delta light i at its closing keyframe, if it is a spot, in radians, `[2]`.
     ClosingLightCone(usize),
+    /// Entries of the rotation matrix of delta light i's profile at its closing keyframe, `[3][3]`.
+    ClosingLightRotation(usize),
     /// Origin of the camera at its closing keyframe, `[3]`.
     ClosingCameraOrigin,
     /// Rows right, up, forward of the camera at its closing keyframe, `[3][3]`.
@@ -367,6 +401,7 @@ impl Slot {
             Slot::ClosingLightPower(i) => Slot::LightPower(i),
             Slot::ClosingLightAxis(i) => Slot::LightAxis(i),
             Slot::ClosingLightCone(i) => Slot::LightCone(i),
+            Slot::ClosingLightRotation(i) => Slot::LightRotation(i),
             Slot::ClosingCameraOrigin => Slot::CameraOrigin,
             Slot::ClosingCameraFrame => Slot::CameraFrame,
             Slot::ClosingCameraScale => Slot::CameraScale,
@@ -386,6 +421,7 @@ impl Slot {
                 | Slot::LightPower(_)
                 | Slot::LightAxis(_)
                 | Slot::LightCone(_)
+                | Slot::LightRotation(_)
         )
     }
 }
@@ -395,10 +431,13 @@ impl SceneDescription {
     pub fn slot_len(&self, slot: Slot) -> usize {
         let shape = |i: usize| self.shapes.get(i).map(|s| &s.mesh);
         let motion = |i: usize| self.motions.iter().find(|m| m.shape == i);
-        let light = |light: Option<&DeltaLight>, of_cone: bool, len: usize| match light {
-            Some(light) if !of_cone || light.cone().is_some() => len,
+        let light = |light: Option<&DeltaLight>, has: fn(&DeltaLight) -> bool, len: usize| match light {
+            Some(light) if has(light) => len,
             _ => 0,
         };
+        let any = |_: &DeltaLight| true;
+        let cone = |light: &DeltaLight| light.cone().is_some();
+        let profile = |light: &DeltaLight| light.profile().is_some();
         let opening = |i: usize| self.delta_lights.get(i);
         let closing = |i: usize| self.light_motions.iter().find(|m| m.light == i).map(|m| &m.closing);
         match slot {
@@ -407,12 +446,14 @@ impl SceneDescription {
             Slot::Uvs(i) => shape(i).and_then(|m| m.uvs.as_ref()).map_or(0, |n| 2 * n.len()),
             Slot::Colors(i) => shape(i).and_then(|m| m.colors.as_ref()).map_or(0, |n| 3 * n.len()),
             Slot::Texels(i) => self.textures.get(i).map_or(0, |t| t.data.len()),
-            Slot::LightPlacement(i) | Slot::LightPower(i) => light(opening(i), false, 3),
-            Slot::LightAxis(i) => light(opening(i), true, 3),
-            Slot::LightCone(i) => light(opening(i), true, 2),
-            Slot::ClosingLightPlacement(i) | Slot::ClosingLightPower(i) => light(closing(i), false, 3),
-            Slot::ClosingLightAxis(i) => light(closing(i), true, 3),
-            Slot::ClosingLightCone(i) => light(closing(i), true, 2),
+            Slot::LightPlacement(i) | Slot::LightPower(i) => light(opening(i), any, 3),
+            Slot::LightAxis(i) => light(opening(i), cone, 3),
+            Slot::LightCone(i) => light(opening(i), cone, 2),
+            Slot::LightRotation(i) => light(opening(i), profile, 9),
+            Slot::ClosingLightPlacement(i) | Slot::ClosingLightPower(i) => light(closing(i), any, 3),
+            Slot::ClosingLightAxis(i) => light(closing(i), cone, 3),
+            Slot::ClosingLightCone(i) => light(closing(i), cone, 2),
+            Slot::ClosingLightRotation(i) => light(closing(i), profile, 9),
             Slot::EnvironmentRotation | Slot::CameraFrame | Slot::ClosingCameraFrame => 9,
             Slot::CameraDistortion => 5,
             Slot::CameraOrigin | Slot::ClosingCameraOrigin => 3,

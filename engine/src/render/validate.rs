@@ -7,7 +7,7 @@ use glam::{Vec2, Vec3};
 use super::material::{Input, MaterialKind};
 use super::pixel_filter::PixelFilter;
 use super::scene::{Camera, Cone, Crop, DeltaLight, Motion, Projection, SceneDescription, Shape};
-use super::texture::Texture;
+use super::texture::{Filter, Texture};
 use crate::memory::Shortage;
 use crate::mesh::Mesh;
 use crate::stop::paced;
@@ -133,6 +133,14 @@ pub(super) fn validate(description: &SceneDescription) -> Result<(), SceneError>
     }
     for (i, light) in description.delta_lights.iter().enumerate() {
         validate_light(light).map_err(|what| SceneError::Light { light: i, what: what.into() })?;
+        if let Some(profile) = light.profile() {
+            let map = description.textures.get(profile.texels);
+            // A step in it would cast an outline of its own, which no edge would sample.
+            if map.is_none_or(|map| map.filter == Filter::Nearest && !map.is_constant()) {
+                let what = "the light's profile must be a texture that is interpolated between its texels";
+                return Err(SceneError::Light { light: i, what: what.into() });
+            }
+        }
     }
     for motion in &description.light_motions {
         let opening = description.delta_lights.get(motion.light);
@@ -140,7 +148,7 @@ pub(super) fn validate(description: &SceneDescription) -> Result<(), SceneError>
             .map_err(|what| SceneError::Light { light: motion.light, what: what.into() })?;
     }
     if let Some(e) = &description.environment
-        && (e.radiance >= description.textures.len() || !e.rotation.is_finite())
+        && (e.texels >= description.textures.len() || !e.rotation.is_finite())
     {
         return Err(SceneError::Environment { what: "the environment's map or rotation is not usable".into() });
     }
@@ -278,6 +286,14 @@ fn validate_light_motion(opening: Option<&DeltaLight>, closing: &DeltaLight) -> 
             a.dot(*b) <= 0.0
         }
         (DeltaLight::Spot { cone: a, .. }, DeltaLight::Spot { cone: b, .. }) => a.axis.dot(b.axis) <= 0.0,
+        (DeltaLight::Goniometric { profile: a, .. }, DeltaLight::Goniometric { profile: b, .. }) => {
+            if a.texels != b.texels {
+                return Err("the profile of a light that moves must be the same at both keyframes");
+            }
+            // The cosine of the turn from one to the other is half of this trace less one half.
+            let turn = a.rotation.transpose() * b.rotation;
+            turn.x_axis.x + turn.y_axis.y + turn.z_axis.z <= 1.0
+        }
         _ => false,
     };
     if turns_far { Err("the light turns by 90 degrees or more while a shutter is open") } else { Ok(()) }
@@ -317,6 +333,9 @@ fn validate_light(light: &DeltaLight) -> Result<(), &'static str> {
     }
     if is_too_far(placement) {
         return Err("the light is too far out (at most 1e9 from the scene)");
+    }
+    if light.profile().is_some_and(|profile| !profile.rotation.is_finite()) {
+        return Err("the rotation of a light's profile must be finite");
     }
     let Some(Cone { axis, beam, cutoff }) = light.cone() else { return Ok(()) };
     if axis.try_normalize().is_none() {

@@ -74,9 +74,9 @@ impl Scene {
         let corners = corners(&description);
         let radius = radius(&corners);
         let environment =
-            description.environment.as_ref().map(|e| EnvironmentTable::new(&description.textures[e.radiance]));
+            description.environment.as_ref().map(|e| EnvironmentTable::new(&description.textures[e.texels]));
         let environment_peak =
-            description.environment.as_ref().and_then(|e| EnvironmentPeak::new(&description.textures[e.radiance]));
+            description.environment.as_ref().and_then(|e| EnvironmentPeak::new(&description.textures[e.texels]));
         let lights = LightTable::new(&description, &prims, radius, environment_peak.as_ref());
         let facets =
             paced(prims.iter().zip(&corners), 16).map(|(prim, corners)| Facet::new(prim.shape, *corners)).collect();

@@ -196,7 +196,7 @@ fn slides_over_steps(scene: &Scene, settings: &Settings, layout: &Layout) -> boo
         let own = |s: &Slot| matches!(s, Slot::Vertices(j) | Slot::Uvs(j) if *j == i);
         view || wrt.iter().any(own) || (geometry && lit && settings.max_bounces > 1)
     };
-    let sky = d.environment.as_ref().is_some_and(|e| steps(e.radiance));
+    let sky = d.environment.as_ref().is_some_and(|e| steps(e.texels));
     let shape = |(i, s): (usize, &Shape)| {
         let scatters =
             (lit || settings.output == Output::Albedo) && s.material.scattering_inputs().any(|(_, i)| reads(*i));

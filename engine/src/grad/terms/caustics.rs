@@ -83,8 +83,12 @@ impl LightPath<'_> {
         d_light_ray(out, self.light, ray);
         let d_power = d * self.arriving * self.landing.response() * self.measure;
         let light = &out.scene.description.delta_lights[self.light as usize];
-        let falloff = light.cone().map(|cone| (cone, cone.falloff(self.chain.rays[0].dir)));
-        out.light_power(self.light, d_power * falloff.map_or(1.0, |(_, falloff)| falloff.value));
+        let dir = self.chain.rays[0].dir;
+        let falloff = light.cone().map(|cone| (cone, cone.falloff(dir)));
+        let profile = out.scene.profile(light, dir);
+        out.light_power(self.light, d_power * profile * falloff.map_or(1.0, |(_, falloff)| falloff.value));
+        // What starts in a direction keeps it.
+        out.light_profile(self.light, dir, d_power * light.power());
         if let Some((cone, falloff)) = falloff {
             let d_falloff = d_power.dot(light.power());
             let d_axis = d_normalize(cone.axis, falloff.by_axis * d_falloff);
@@ -193,7 +197,7 @@ fn d_way(
 pub fn d_light_ray(out: &mut Adjoints, light: u32, ray: RayAdjoint) {
     let d = match out.scene.description.delta_lights[light as usize] {
         DeltaLight::Directional { direction, .. } => d_normalize(direction, ray.dir),
-        DeltaLight::Point { .. } | DeltaLight::Spot { .. } => ray.origin,
+        DeltaLight::Point { .. } | DeltaLight::Spot { .. } | DeltaLight::Goniometric { .. } => ray.origin,
     };
     out.light_placement(light, d);
 }

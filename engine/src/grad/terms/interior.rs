@@ -17,7 +17,7 @@ use crate::render::film::first_hit;
 use crate::render::integrator::{self, BATCH, Options, Recorder};
 use crate::render::mask::{MaskCrossing, MaskSampling};
 use crate::render::sampler::Sampler;
-use crate::render::{Camera, Input, MaterialKind, Output, Scene, Settings, Shape, Slot};
+use crate::render::{Camera, DeltaLight, Input, MaterialKind, Output, Scene, Settings, Shape, Slot, TextureId};
 
 /// The interior term: camera paths, swept backwards.
 #[derive(Clone)]
@@ -189,9 +189,12 @@ impl Estimator for Interior<'_> {
 fn required_shapes(scene: &Scene, layout: &Layout) -> Option<Vec<bool>> {
     let shapes = &scene.description.shapes;
     let asked = |i: usize, input: Input| layout.slots.iter().any(|slot| slot.is_read_by(input, i));
+    let profiles = scene.description.delta_lights.iter().filter_map(DeltaLight::profile);
+    let maps: Vec<TextureId> =
+        scene.description.environment.into_iter().chain(profiles).map(|map| map.texels).collect();
     let elsewhere = |slot: &Slot| match slot {
         Slot::Vertices(_) | Slot::Normals(_) | Slot::Uvs(_) | Slot::Colors(_) => false,
-        Slot::Texels(t) => scene.description.environment.as_ref().is_some_and(|e| e.radiance == *t),
+        Slot::Texels(t) => maps.contains(t),
         _ => true,
     };
     if scene.masked || layout.slots.iter().any(elsewhere) {

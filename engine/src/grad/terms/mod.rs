@@ -27,7 +27,7 @@ use crate::ranks;
 use crate::render::light_film::LightFilms;
 use crate::render::sampler::hash;
 use crate::render::texture::Filter;
-use crate::render::{Camera, Environment, Input, Output, Scene, Settings, Slot};
+use crate::render::{Camera, Input, Output, Scene, Settings, Slot, SphericalMap};
 use crate::work;
 
 use self::caustic_edges::{CausticEdges, CausticRims};
@@ -233,7 +233,7 @@ fn draw(estimator: &Option<impl Estimator>, count: usize, request: &Request, see
 /// Whether the environment turns and is piecewise constant (nearest-texel lookup). Its steps turn with it, and a radiance in fixed
 /// directions would not have their derivatives.
 fn texel_steps_turn(scene: &Scene, layout: &Layout) -> bool {
-    let nearest = |e: &Environment| scene.description.textures[e.radiance].filter == Filter::Nearest;
+    let nearest = |e: &SphericalMap| scene.description.textures[e.texels].filter == Filter::Nearest;
     layout.turns_environment() && scene.description.environment.as_ref().is_some_and(nearest)
 }
 
@@ -247,6 +247,6 @@ fn interior_vanishes(scene: &Scene, settings: &Settings, layout: &Layout) -> boo
         && !scene.absorbs()
         && !layout.slots.iter().any(|s| matches!(s, Slot::Texels(_) | Slot::Colors(_)))
         && emitters.all(|e| matches!(e.radiance, Input::Texture(t) if constant(t)))
-        && d.environment.as_ref().is_none_or(|e| constant(e.radiance))
+        && d.environment.as_ref().is_none_or(|e| constant(e.texels))
         && d.shapes.iter().filter_map(|s| s.material.opacity).all(|o| matches!(o, Input::Texture(t) if constant(t)))
 }

@@ -146,8 +146,8 @@ impl<'a> RoughnessPairs<'a> {
 
     /// The derivative in the roughness from a light sample.
     fn light(&self, si: &SurfaceInteraction, pair: &RoughnessPair, sampler: &mut Sampler) -> Vec3 {
-        let light = self.scene.sample_light(sampler.next_2d());
-        let Some((light, arrival)) = light.and_then(|l| Some((l, l.arrive(si.p)?))) else { return Vec3::ZERO };
+        let Some(mut light) = self.scene.sample_light(sampler.next_2d()) else { return Vec3::ZERO };
+        let Some(arrival) = self.scene.arrive(&mut light, si.p) else { return Vec3::ZERO };
         let f = si.eval_part(Part::Specular, arrival.dir);
         if f == Vec3::ZERO || si.ng.dot(arrival.dir) <= 0.0 {
             return Vec3::ZERO;
@@ -195,7 +195,7 @@ impl Estimator for RoughnessPairs<'_> {
 mod tests {
     use super::*;
     use crate::render::texture::Texture;
-    use crate::render::{Environment, Input, Material, MaterialKind, SceneDescription, Shape};
+    use crate::render::{Input, Material, MaterialKind, SceneDescription, Shape, SphericalMap};
 
     /// A single sample of a single pixel is not rounded down to none.
     #[test]
@@ -204,7 +204,7 @@ mod tests {
         let material = Material::from(MaterialKind::Conductor { reflectance, roughness });
         let mesh = crate::mesh::shapes::rectangle(2.0, 2.0).unwrap();
         let textures = vec![Texture::constant(Vec3::ONE), Texture::constant_scalar(0.4)];
-        let environment = Some(Environment { radiance: 0, rotation: glam::Mat3::IDENTITY });
+        let environment = Some(SphericalMap { texels: 0, rotation: glam::Mat3::IDENTITY });
         let shapes = vec![Shape { mesh, material, emission: None }];
         let scene = Scene::new(SceneDescription { shapes, textures, environment, ..Default::default() }).unwrap();
         let camera = Camera { scale: [0.5; 2], ..Camera::look_at(Vec3::Z, Vec3::ZERO, Vec3::Y, 1.0, [1, 1]) };

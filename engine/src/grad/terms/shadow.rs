@@ -172,7 +172,7 @@ impl<'a> Shadows<'a> {
     fn sample_edge(&self, at: [f64; 2], v: f32, sampler: &mut Sampler) -> Option<ShadowSample<'_>> {
         let scene = self.scene;
         let u_light = self.unfold(at[1], v);
-        let light = match self.environment {
+        let mut light = match self.environment {
             MovingEnvironment::Peak => scene.sample_local_light(u_light)?,
             MovingEnvironment::Whole => scene.sample_light(u_light)?,
         };
@@ -190,7 +190,7 @@ impl<'a> Shadows<'a> {
             }
         };
         let p = edge.point(s);
-        let arrival = light.arrive(p)?;
+        let arrival = scene.arrive(&mut light, p)?;
         let dir = arrival.dir; // from p towards the light
 
         // The edge must be a contour as seen from the light: all its faces on one side.

@@ -424,7 +424,11 @@ impl<const N: usize> Paths<N> {
         }
         for k in self.alive.iter() {
             if !lights.area[k] && lights.chosen[k] {
-                let arrival = lights.sample[k].arrive(self.p.get(k));
+                let light = &mut lights.sample[k];
+                let arrival = bounce.scene.arrive(light, self.p.get(k));
+                if light.has_profile {
+                    lights.power.set(k, light.power);
+                }
                 shadows.open[k] = arrival.is_some();
                 if let Some(arrival) = arrival {
                     shadows.dir.set(k, arrival.dir);

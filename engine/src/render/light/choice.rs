@@ -2,7 +2,7 @@
 
 use glam::{Vec2, Vec3};
 
-use super::table::{Entry, LightKind, LightSample, mean_luminance};
+use super::table::{Arrival, Entry, LightKind, LightSample, mean_luminance};
 use crate::render::accel::PrimId;
 use crate::render::sampler::{Discrete, ONE_MINUS_EPSILON};
 use crate::render::scene::DeltaLight;
@@ -64,6 +64,10 @@ impl Scene {
                 DeltaLight::Spot { position, intensity, cone } => {
                     LightSample { kind: LightKind::Point(i), y: position, power: intensity, cone: Some(cone), ..base }
                 }
+                DeltaLight::Goniometric { position, intensity, .. } => {
+                    let kind = LightKind::Point(i);
+                    LightSample { kind, y: position, power: intensity, has_profile: true, ..base }
+                }
                 DeltaLight::Directional { direction, irradiance } => {
                     let y = -direction.normalize();
                     LightSample { kind: LightKind::Directional(i), y, power: irradiance, ..base }
@@ -88,6 +92,25 @@ impl Scene {
         })
     }
 
+    /// The light that arrives at `x`, without a visibility test; `None` if the light does not shine in that direction. The power of a
+    /// goniometric light becomes that in the direction of `x`.
+    #[inline]
+    pub(crate) fn arrive(&self, light: &mut LightSample, x: Vec3) -> Option<Arrival> {
+        let arrival = light.arrive(x)?;
+        if light.has_profile
+            && let LightKind::Point(i) = light.kind
+        {
+            let light_there = &self.description.delta_lights[i as usize];
+            light.power = light_there.power() * self.profile(light_there, -arrival.dir);
+        }
+        Some(arrival)
+    }
+
+    /// What a light's profile multiplies its intensity by in the unit direction `dir`; 1 without a profile.
+    pub(crate) fn profile(&self, light: &DeltaLight, dir: Vec3) -> Vec3 {
+        light.profile().map_or(Vec3::ONE, |profile| profile.value_from(&self.description.textures[profile.texels], dir))
+    }
+
     /// The light sample of a given point; `None` if the primitive does not emit.
     #[inline]
     pub(crate) fn area_sample(&self, prim: PrimId, b: [f32; 3], pdf: f32) -> Option<LightSample> {
@@ -109,6 +132,7 @@ impl Scene {
             b,
             two_sided: self.shape_shading[facet.shape as usize].two_sided,
             cone: None,
+            has_profile: false,
         }
     }
 
@@ -140,7 +164,7 @@ mod tests {
     use crate::math::Pcg32;
     use crate::mesh::Mesh;
     use crate::render::material::{Input, Material, MaterialKind};
-    use crate::render::scene::{Cone, Emission, Environment, SceneDescription, Shape};
+    use crate::render::scene::{Cone, Emission, SceneDescription, Shape, SphericalMap};
     use crate::render::texture::{Filter, Texture, Wrap};
 
     const ROWS: usize = 10;
@@ -170,7 +194,7 @@ mod tests {
         sky[(8 + 7) * 3..][..3].fill(3.0);
         d.textures.push(Texture::new(8, 4, 3, sky, Wrap::Repeat, Filter::Bilinear).unwrap());
         let rotation = Mat3::from_rotation_x(0.7) * Mat3::from_rotation_y(1.9);
-        d.environment = Some(Environment { radiance: d.textures.len() - 1, rotation });
+        d.environment = Some(SphericalMap { texels: d.textures.len() - 1, rotation });
         Scene::new(d).unwrap()
     }
 
@@ -289,8 +313,8 @@ mod tests {
         let mut rng = Pcg32::new(19);
         let x = Vec3::new(0.3, -1.0, 0.4);
         for _ in 0..200 {
-            let light = scene.sample_light(rng.next_2d().into()).unwrap();
-            let Some(arrival) = light.arrive(x) else { continue };
+            let mut light = scene.sample_light(rng.next_2d().into()).unwrap();
+            let Some(arrival) = scene.arrive(&mut light, x) else { continue };
             assert!((arrival.dir.length() - 1.0).abs() < 1e-5);
             let d = light.y - x;
             let expected = match light.kind {

@@ -9,13 +9,14 @@ use crate::render::facets::Prim;
 use crate::render::material::Input;
 use crate::render::sampler::Discrete;
 use crate::render::scene::{Cone, DeltaLight, SceneDescription};
+use crate::render::texture::Texture;
 use crate::stop::paced;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LightKind {
     /// A point on an emissive triangle.
     Area,
-    /// The delta light with this index: a point light or a spot.
+    /// The delta light with this index: a point light, a spot or a goniometric light.
     Point(u32),
     Directional(u32),
     Environment,
@@ -30,7 +31,7 @@ pub struct LightSample {
     /// Area: right-hand-rule unit normal.
     pub n: Vec3,
     /// Radiance (area light, times the opacity of its mask; environment), intensity (point light) or perpendicular irradiance
-    /// (directional light), without any geometry factor.
+    /// (directional light), without any geometry factor. That of a goniometric light is in no direction until [`Scene::arrive`] gives it one.
     pub power: Vec3,
     /// Area: per unit area; environment: per steradian; delta lights: probability.
     pub pdf: f32,
@@ -39,6 +40,8 @@ pub struct LightSample {
     pub two_sided: bool,
     /// The cone of a spot light.
     pub cone: Option<Cone>,
+    /// Whether the light is goniometric.
+    pub has_profile: bool,
 }
 
 /// Light as it arrives at a point: `power · geometry` is multiplied with the BSDF and divided by the pdf.
@@ -47,7 +50,7 @@ pub struct Arrival {
     /// Unit direction towards the light.
     pub dir: Vec3,
     pub distance: f32,
-    /// cos θ_y / r² (area), 1 / r² (point), [`Cone::falloff`] / r² (spot), 1 (distant).
+    /// cos θ_y / r² (area), 1 / r² (point, goniometric), [`Cone::falloff`] / r² (spot), 1 (distant).
     pub geometry: f32,
 }
 
@@ -124,11 +127,12 @@ impl LightSample {
         b: [0.0; 3],
         two_sided: false,
         cone: None,
+        has_profile: false,
     };
 
-    /// The light that arrives at `x`, without a visibility test; `None` if the light does not shine in that direction.
+    /// [`Scene::arrive`], with the power of a goniometric light left to do.
     #[inline]
-    pub fn arrive(&self, x: Vec3) -> Option<Arrival> {
+    pub(super) fn arrive(&self, x: Vec3) -> Option<Arrival> {
         match self.kind {
             LightKind::Area => {
                 let (arrival, shines) = Arrival::from_surface(self.y, self.n, self.two_sided, x);
@@ -203,6 +207,19 @@ pub(super) fn mean_luminance(description: &SceneDescription, input: Input) -> f6
     }
 }
 
+/// The mean luminance of an equirectangular map over all directions.
+fn mean_over_sphere(map: &Texture) -> f64 {
+    let row = |(y, texels): (usize, &[f32])| {
+        let edge = |y: usize| (std::f64::consts::PI * y as f64 / map.height as f64).cos();
+        let colors = texels.chunks_exact(map.channels).map(|c| match *c {
+            [r, g, b] => luminance(Vec3::new(r, g, b)),
+            _ => c[0],
+        });
+        0.5 * (edge(y) - edge(y + 1)) * colors.map(|l| f64::from(l.abs())).sum::<f64>() / map.width as f64
+    };
+    paced(map.data.chunks_exact(map.width * map.channels).enumerate(), map.width).map(row).sum()
+}
+
 impl LightTable {
     pub fn new(
         description: &SceneDescription,
@@ -236,6 +253,10 @@ impl LightTable {
                     4.0 * std::f64::consts::PI * f64::from(luminance(*intensity).abs())
                 }
                 DeltaLight::Spot { intensity, cone, .. } => cone.solid_angle() * f64::from(luminance(*intensity).abs()),
+                DeltaLight::Goniometric { intensity, profile, .. } => {
+                    let mean = description.textures.get(profile.texels).map_or(0.0, mean_over_sphere);
+                    4.0 * std::f64::consts::PI * mean * f64::from(luminance(*intensity).abs())
+                }
                 DeltaLight::Directional { irradiance, .. } => {
                     std::f64::consts::PI * f64::from(radius).powi(2) * f64::from(luminance(*irradiance).abs())
                 }
@@ -260,7 +281,7 @@ impl LightTable {
         set_densities(&mut local_entries, &local_pmf);
         if let Some(e) = &description.environment {
             entries.push(Entry::Environment);
-            let mean = mean_luminance(description, Input::Texture(e.radiance));
+            let mean = mean_luminance(description, Input::Texture(e.texels));
             weights.push(sky * mean);
         }
         let pmf = Discrete::new(defensive(&weights));

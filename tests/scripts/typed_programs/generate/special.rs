@@ -51,9 +51,14 @@ impl Generator<'_, '_> {
                 _ => atom("vertex_color()"),
             },
             T::Shape => self.named("shape", &[("mesh", T::Mesh), ("material", T::Material)], depth),
-            T::Light => match self.tape.below(4) {
+            T::Light => match self.tape.below(5) {
                 0 => self.named("point", &[("position", vector(3))], depth),
                 1 => self.named("area", &[("mesh", T::Mesh), ("material", T::Material)], depth),
+                4 => {
+                    let parts =
+                        [("position", vector(3)), ("profile", T::Image([3, 4, 3])), ("rotation", T::Angle(None))];
+                    self.named("point", &parts, depth)
+                }
                 2 => self.named("directional", &[("direction", vector(3))], depth),
                 _ => self.named("spot", &[("position", vector(3)), ("direction", vector(3))], depth),
             },

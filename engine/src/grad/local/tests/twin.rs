@@ -16,8 +16,8 @@ use crate::render::light::{LightKind, LightSample};
 use crate::render::mask::MaskCrossing;
 use crate::render::texture::{Filter, Texture, Wrap};
 use crate::render::{
-    BLEND_WEIGHT, Blend, ClearCoat, Emission, Environment, GRAIN, Grain, Input, LAYER_INPUTS, MAX_INPUTS, MODEL_INPUTS,
-    Material, MaterialKind, Scene, SceneDescription, Shape, Slot,
+    BLEND_WEIGHT, Blend, ClearCoat, Emission, GRAIN, Grain, Input, LAYER_INPUTS, MAX_INPUTS, MODEL_INPUTS, Material,
+    MaterialKind, Scene, SceneDescription, Shape, Slot, SphericalMap,
 };
 
 /// Numbers in three coordinates, with their derivatives.
@@ -209,16 +209,22 @@ impl Builder {
         (shape.emission, shape.material.opacity) = (emission, opacity);
     }
 
-    /// A turned map, of which something stands out if there is to be a sun.
+    /// An environment, of which something stands out if there is to be a sun.
     pub fn sky(&mut self, rng: &mut Pcg32, sun: bool) {
-        let size = if !sun && rng.next_f32() < 0.1 { [1, 1] } else { [8, 5] };
-        let radiance = self.texture(rng, size, 3);
+        let map = self.spherical_map(rng, !sun);
         if sun {
-            self.description.textures[radiance].data[3 * 17..3 * 18].fill(30.0);
+            self.description.textures[map.texels].data[3 * 17..3 * 18].fill(30.0);
         }
+        self.description.environment = Some(map);
+    }
+
+    /// A turned map, that may be the same in all directions.
+    pub fn spherical_map(&mut self, rng: &mut Pcg32, constant: bool) -> SphericalMap {
+        let size = if constant && rng.next_f32() < 0.1 { [1, 1] } else { [8, 5] };
+        let texels = self.texture(rng, size, 3);
         let axis = anywhere(rng).normalize();
         let rotation = Mat3::from_axis_angle(axis, std::f32::consts::TAU * rng.next_f32());
-        self.description.environment = Some(Environment { radiance, rotation });
+        SphericalMap { texels, rotation }
     }
 }
 
@@ -408,38 +414,41 @@ impl Moving {
         times(self.lookup(emission.radiance, prim, b), self.opacity(prim, b))
     }
 
-    fn sky(&self) -> &Environment {
+    fn sky(&self) -> &SphericalMap {
         self.scene.description.environment.as_ref().unwrap()
     }
 
-    /// The rotation's columns.
-    fn rotation(&self) -> [Vector; 3] {
-        let entry =
-            |i: usize, j: usize| self.number(Slot::EnvironmentRotation, 3 * i + j, self.sky().rotation.col(j)[i]);
+    /// The columns of a map's rotation.
+    fn rotation(&self, slot: Slot, map: &SphericalMap) -> [Vector; 3] {
+        let entry = |i: usize, j: usize| self.number(slot, 3 * i + j, map.rotation.col(j)[i]);
         from_fn(|j| from_fn(|i| entry(i, j)))
     }
 
-    /// A direction of the world in the map's frame.
+    /// What a map holds in a direction of its own frame.
+    fn texels(&self, map: &SphericalMap, local: Vector) -> Vector {
+        let texture = &self.scene.description.textures[map.texels];
+        equirectangular(texture, local, |i| self.number(Slot::Texels(map.texels), i, texture.data[i]))
+    }
+
+    /// A direction of the world in the environment's frame.
     pub fn in_map(&self, dir: Vector) -> Vector {
-        self.rotation().map(|column| dot(column, dir))
+        self.rotation(Slot::EnvironmentRotation, self.sky()).map(|column| dot(column, dir))
     }
 
-    /// A direction of the map's frame in the world.
+    /// A direction of the environment's frame in the world.
     pub fn in_world(&self, local: Vector) -> Vector {
-        mix(local, self.rotation())
+        mix(local, self.rotation(Slot::EnvironmentRotation, self.sky()))
     }
 
-    /// What the map holds in a direction of its own frame.
+    /// What the environment holds in a direction of its own frame.
     pub fn radiance(&self, local: Vector) -> Vector {
-        let t = self.sky().radiance;
-        let texture = &self.scene.description.textures[t];
-        equirectangular(texture, local, |i| self.number(Slot::Texels(t), i, texture.data[i]))
+        self.texels(self.sky(), local)
     }
 
     /// What of it does not stand out, which does not change with the texels.
     pub fn base(&self, local: Vector) -> Vector {
         let peak: Option<&EnvironmentPeak> = self.scene.environment_peak.as_ref();
-        let map = peak.map_or(&self.scene.description.textures[self.sky().radiance], |peak| &peak.base);
+        let map = peak.map_or(&self.scene.description.textures[self.sky().texels], |peak| &peak.base);
         equirectangular(map, local, |i| Dual::constant(f64::from(map.data[i])))
     }
 
@@ -472,7 +481,13 @@ impl Moving {
                     let s = (cutoff - angle) / (cutoff - beam);
                     if s.value > 1.0 { Dual::constant(1.0) } else { s * s * 3.0 - s * s * s * 2.0 }
                 });
-                (dir, falloff / r2, self.vector(Slot::LightPower(i), 0, delta.power()))
+                let power = self.vector(Slot::LightPower(i), 0, delta.power());
+                let power = delta.profile().map_or(power, |map| {
+                    let away = dir.map(|x| -x);
+                    let local = self.rotation(Slot::LightRotation(i), &map).map(|column| dot(column, away));
+                    product(power, self.texels(&map, local))
+                });
+                (dir, falloff / r2, power)
             }
             LightKind::Directional(i) => {
                 let delta = &lights[i as usize];
