@@ -56,12 +56,12 @@ fn describe(case: &Case, row: &Row, words: &mut Words) -> Value {
     let output = format!("{:?}", case.output).to_lowercase();
     json!({
         "kind": row.kind, "scene": row.scene, "param": row.param, "output": output,
-        "bounces": case.bounces, "spp": case.spp, "ramp": if case.ramp == Ramp::X { "x" } else { "y" },
+        "bounces": case.bounces, "spp": case.spp, "method": format!("{:?}", case.method).to_lowercase(), "ramp": if case.ramp == Ramp::X { "x" } else { "y" },
         "loss": row.loss, "loss_error": row.loss_error, "reference": row.reference,
         "camera": {
             "projection": format!("{:?}", camera.projection).to_lowercase(),
             "origin": camera.origin.to_array(), "frame": camera.frame.map(|row| row.to_array()), "scale": camera.scale,
-            "width": camera.width, "height": camera.height,
+            "width": camera.width, "height": camera.height, "filter": format!("{:?}", camera.filter).to_lowercase(),
         },
         "shapes": shapes(&scene, words),
         "textures": textures(&scene, words),
@@ -110,6 +110,9 @@ fn shapes(scene: &SceneDescription, words: &mut Words) -> Vec<Value> {
         MaterialKind::Conductor { reflectance, roughness } => {
             json!({"kind": "conductor", "reflectance": input(reflectance), "roughness": input(roughness)})
         }
+        MaterialKind::Dielectric { ior, roughness, .. } => {
+            json!({"kind": "dielectric", "ior": input(ior), "roughness": roughness.map(input)})
+        }
         MaterialKind::Mirror { reflectance } => json!({"kind": "mirror", "reflectance": input(reflectance)}),
         _ => json!({"kind": "other"}),
     };
@@ -121,6 +124,8 @@ fn shapes(scene: &SceneDescription, words: &mut Words) -> Vec<Value> {
             json!({
                 "mesh": mesh(&shape.mesh),
                 "material": material(&shape.material.kind),
+                "coat": shape.material.coat.as_ref().map(|c| json!({"weight": input(c.weight), "roughness": input(c.roughness)})),
+                "normals": shape.material.normals.map(input),
                 "emission": emission.map(|e| json!({"radiance": input(e.radiance), "two_sided": e.two_sided})),
             })
         })

@@ -134,11 +134,13 @@ fn run(args: &Args) -> std::io::Result<()> {
         if args.json { println!("{}", serde_json::to_string(&row)?) } else { println!("{}", report::line(&row)) }
     }
     if args.scene.as_deref().is_none_or(|text| text.contains("forward")) {
-        let forward = measure::forward(if args.quick { 2 } else { 8 });
-        if args.json {
-            println!("{}", serde_json::json!({"forward": forward, "threads": rayon::current_num_threads()}));
-        } else {
-            println!("forward, Cornell box, 4 bounces: {:.2e} samples a CPU second", forward.samples_per_cpu_second);
+        for name in measure::FORWARD {
+            let forward = measure::forward(name, if args.quick { 2 } else { 8 });
+            if args.json {
+                println!("{}", serde_json::json!({"forward": forward, "threads": rayon::current_num_threads()}));
+            } else {
+                println!("forward, {name}, 4 bounces: {:.2e} samples a CPU second", forward.samples_per_cpu_second);
+            }
         }
     }
     Ok(())

@@ -110,7 +110,15 @@ pub fn velocities(case: &Case) -> Vec<(Slot, Vec<f32>)> {
 }
 
 fn settings(case: &Case, spp: u32, seed: u64) -> Settings {
-    Settings { output: case.output, spp, max_bounces: case.bounces, seed, boundary: true, ..Settings::default() }
+    Settings {
+        output: case.output,
+        spp,
+        max_bounces: case.bounces,
+        seed,
+        boundary: true,
+        method: case.method,
+        ..Settings::default()
+    }
 }
 
 /// `seeds` gradients, or more if the derivative is to be precise.
@@ -223,15 +231,19 @@ pub fn write_references(references: &References) -> std::io::Result<()> {
     std::fs::write(references_path(), serde_json::to_string_pretty(references)? + "\n")
 }
 
-/// Forward path tracing of the Cornell box at path length 5.
+/// Forward path tracing at path length 5, of the Cornell box or of a ball of rough glass.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Forward {
+    pub scene: String,
     pub spp: u32,
     pub samples_per_cpu_second: f64,
 }
 
-pub fn forward(repeats: u32) -> Forward {
-    let (description, camera) = scenes::cornell();
+/// The scenes of forward path tracing, by name.
+pub const FORWARD: [&str; 2] = ["Cornell box", "rough glass"];
+
+pub fn forward(name: &str, repeats: u32) -> Forward {
+    let (description, camera) = if name == FORWARD[0] { scenes::cornell() } else { scenes::glass_ball() };
     let scene = Scene::new(description).expect("the scene is sound");
     let spp = 16;
     let mut cpu = 0.0;
@@ -251,5 +263,5 @@ pub fn forward(repeats: u32) -> Forward {
         }
     }
     let samples = (SIZE * SIZE) as f64 * f64::from(spp) * f64::from(repeats);
-    Forward { spp, samples_per_cpu_second: samples / cpu }
+    Forward { scene: name.into(), spp, samples_per_cpu_second: samples / cpu }
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use serde::Deserialize;
 
-use crate::measure::{Forward, Reference, Row};
+use crate::measure::{FORWARD, Forward, Reference, Row};
 use crate::scenes::Kind;
 
 pub const HEADER: &str = "scene / parameter                                              value    reference      z    error  \
@@ -138,27 +138,30 @@ pub fn side_by_side(ours: &Path, peer: &Path) -> std::io::Result<()> {
 
 /// Prints what both programs reached at forward path tracing, where they were measured in turns.
 pub fn turns(ours: &Path, peer: &Path) -> std::io::Result<()> {
-    let speeds = |path: &Path| -> std::io::Result<Vec<f64>> {
-        let measured = read::<Row>(path)?.1;
-        Ok(measured.iter().map(|f| f.samples_per_cpu_second / 1e6).collect())
-    };
-    let (ours, theirs) = (speeds(ours)?, speeds(peer)?);
-    if ours.len() != theirs.len() {
-        return Err(std::io::Error::other(format!("{} turns of one and {} of the other", ours.len(), theirs.len())));
-    }
-    let mut ratios: Vec<f64> = ours.iter().zip(&theirs).map(|(a, b)| a / b).collect();
-    let line = |name: &str, numbers: &[f64], show: &dyn Fn(f64) -> String| {
-        println!("| {name} | {} |", numbers.iter().map(|x| show(*x)).collect::<Vec<String>>().join(" | "));
-    };
-    let plain = |x: f64| format!("{x:.2}");
-    println!("| | {} |", (1..=ratios.len()).map(|i| i.to_string()).collect::<Vec<String>>().join(" | "));
-    println!("|---{}|", "|--:".repeat(ratios.len()));
-    line("dscene", &ours, &plain);
-    line("Mitsuba", &theirs, &plain);
-    line("ratio", &ratios, &times);
-    ratios.sort_by(f64::total_cmp);
-    if let Some(median) = ratios.get(ratios.len() / 2) {
-        println!("\nThe ratio's median is {}.", times(*median));
+    let (ours, theirs) = (read::<Row>(ours)?.1, read::<PeerRow>(peer)?.1);
+    for name in FORWARD {
+        let speeds = |all: &[Forward]| -> Vec<f64> {
+            all.iter().filter(|f| f.scene == name).map(|f| f.samples_per_cpu_second / 1e6).collect()
+        };
+        let (ours, theirs) = (speeds(&ours), speeds(&theirs));
+        if ours.len() != theirs.len() {
+            let message = format!("{name}: {} turns of one and {} of the other", ours.len(), theirs.len());
+            return Err(std::io::Error::other(message));
+        }
+        let mut ratios: Vec<f64> = ours.iter().zip(&theirs).map(|(a, b)| a / b).collect();
+        let line = |name: &str, numbers: &[f64], show: &dyn Fn(f64) -> String| {
+            println!("| {name} | {} |", numbers.iter().map(|x| show(*x)).collect::<Vec<String>>().join(" | "));
+        };
+        let plain = |x: f64| format!("{x:.2}");
+        println!("| {name} | {} |", (1..=ratios.len()).map(|i| i.to_string()).collect::<Vec<String>>().join(" | "));
+        println!("|---{}|", "|--:".repeat(ratios.len()));
+        line("dscene", &ours, &plain);
+        line("Mitsuba", &theirs, &plain);
+        line("ratio", &ratios, &times);
+        ratios.sort_by(f64::total_cmp);
+        if let Some(median) = ratios.get(ratios.len() / 2) {
+            println!("\nThe ratio's median is {}.\n", times(*median));
+        }
     }
     Ok(())
 }

@@ -7,8 +7,8 @@ use std::f32::consts::PI;
 use dscene::mesh::{Mesh, ops, shapes};
 use dscene::render::texture::{Filter, Texture, Wrap};
 use dscene::render::{
-    Camera, DeltaLight, Emission, Input, Material, MaterialKind, Output, Projection, SceneDescription, Shape,
-    SphericalMap,
+    Camera, ClearCoat, DeltaLight, Emission, Input, Material, MaterialKind, Method, Output, PixelFilter, Projection,
+    SceneDescription, Shape, SphericalMap,
 };
 use glam::{DVec3, Mat3, Vec3, vec3};
 
@@ -34,6 +34,9 @@ pub enum Kind {
     Glossy,
     Cornell,
     Material,
+    Glass,
+    /// Coats and normal maps.
+    Layers,
     /// Receivers, creases, seams, cameras, lights, mirrors, channels.
     Special,
 }
@@ -48,6 +51,8 @@ impl Kind {
             Kind::Glossy => "glossy reflection",
             Kind::Cornell => "Cornell geometry",
             Kind::Material => "material",
+            Kind::Glass => "glass",
+            Kind::Layers => "coats and relief",
             Kind::Special => "special",
         }
     }
@@ -64,6 +69,7 @@ pub struct Case {
     pub bounces: u32,
     pub spp: u32,
     pub ramp: Ramp,
+    pub method: Method,
     /// The smaller step of finite differences.
     pub step: f32,
     /// How many times the ordinary number of samples finite differences take.
@@ -88,6 +94,7 @@ impl Case {
             bounces: 1,
             spp: 4,
             ramp: Ramp::X,
+            method: Method::Path,
             step: 0.02,
             effort: 1,
             exact: None,
@@ -126,6 +133,8 @@ pub fn all() -> Vec<Case> {
     interpenetrating(&mut cases);
     textures(&mut cases);
     seams(&mut cases);
+    glass(&mut cases);
+    layers(&mut cases);
     cases
 }
 
@@ -723,5 +732,108 @@ fn seams(cases: &mut Vec<Case>) {
             b.lamp(ceiling(vec3(1., 5., -2.), 0.7), Vec3::splat(20.));
             (b.description, camera(vec3(0.2, 3., -4.), vec3(0., 0.4, 0.), 45.0))
         })
+    });
+}
+
+/// A ball of glass over a floor.
+#[derive(Clone, Copy, Default)]
+struct GlassBall {
+    ior: f32,
+    roughness: f32,
+    floor: f32,
+}
+
+impl GlassBall {
+    /// Its material is `rough` or smooth; a lamp of this size lights it, or a point.
+    fn build(self, rough: Option<f32>, lamp: Option<f32>) -> (SceneDescription, Camera) {
+        let mut b = Builder::default();
+        let grey = b.diffuse(Vec3::splat(0.6 + self.floor));
+        b.add(floor(Vec3::ZERO, 3.0), grey);
+        let roughness = rough.map(|r| b.scalar(r + self.roughness));
+        let glass = MaterialKind::Dielectric { ior: b.scalar(1.5 + self.ior), roughness, absorption: None };
+        let ball = Mesh { normals: None, ..shapes::sphere(0.8, 48).unwrap_or_default() };
+        b.add(turned(&ball, Mat3::IDENTITY, vec3(0.1, 1.0, 0.2)), Material::from(glass));
+        match lamp {
+            Some(size) => {
+                b.lamp(ceiling(vec3(1.0, 4.0, -1.0), size), Vec3::splat(20.0));
+            }
+            None => {
+                let (position, intensity) = (vec3(0.6, 4.0, -0.3), Vec3::splat(20.0));
+                b.description.delta_lights.push(DeltaLight::Point { position, intensity });
+            }
+        }
+        (b.description, camera(vec3(0., 2.6, -4.), vec3(0., 0.6, 0.), 45.0))
+    }
+}
+
+/// The scene of the forward benchmark in glass.
+pub fn glass_ball() -> (SceneDescription, Camera) {
+    GlassBall::default().build(Some(0.4), Some(0.6))
+}
+
+fn glass(cases: &mut Vec<Case>) {
+    let moves = |param: &str, t: f32| match param {
+        "ior" => GlassBall { ior: t, ..GlassBall::default() },
+        "roughness" => GlassBall { roughness: t, ..GlassBall::default() },
+        _ => GlassBall { floor: t, ..GlassBall::default() },
+    };
+    for (param, step) in [("floor albedo", 0.03), ("roughness", 0.02), ("ior", 0.01)] {
+        let build = move |t: f32| moves(param, t).build(Some(0.4), Some(0.6));
+        let case = Case::new(Kind::Glass, "22 ball of rough glass, α = 0.16, 4 bounces", param, build);
+        cases.push(Case { bounces: 4, spp: 16, step, effort: 4, ..case });
+    }
+    for (param, step) in [("floor albedo", 0.03), ("ior", 0.004)] {
+        let build = move |t: f32| {
+            let (scene, eye) = moves(param, t).build(None, None);
+            (scene, Camera { filter: PixelFilter::Tent, ..eye })
+        };
+        let case = Case::new(Kind::Glass, "23 caustic of a smooth ball, by light tracing", param, build);
+        cases.push(Case { method: Method::Light, bounces: 4, spp: 16, step, effort: 4, ..case });
+    }
+}
+
+/// Coats and relief.
+fn layers(cases: &mut Vec<Case>) {
+    for (param, base, coat) in [("albedo", 1.0, 0.0), ("coat roughness", 0.0, 1.0)] {
+        let build = move |t: f32| {
+            let mut b = Builder::default();
+            let grey = b.diffuse(Vec3::splat(0.5));
+            b.add(floor(vec3(0., -0.8, 0.), 3.0), grey);
+            let diffuse = b.diffuse(vec3(0.5, 0.3, 0.2) + base * t);
+            let (weight, roughness) = (b.scalar(1.0), b.scalar(0.4 + coat * t));
+            let ball = Mesh { normals: None, ..shapes::sphere(0.8, 48).unwrap_or_default() };
+            b.add(ball, Material { coat: Some(ClearCoat { weight, roughness }), ..diffuse });
+            b.lamp(ceiling(vec3(0.7, 3.5, -2.0), 0.6), Vec3::splat(20.0));
+            (b.description, camera(vec3(0., 0.8, -4.), Vec3::ZERO, 40.0))
+        };
+        let case = Case::new(Kind::Layers, "24 coated ball", param, build);
+        cases.push(Case { bounces: 2, spp: 16, step: 0.02, ..case });
+    }
+    let build = |t: f32| {
+        let mut b = Builder::default();
+        let wave = |u: f32, v: f32| (40.0 * u).sin() * (25.0 * v).cos();
+        // A relief's normals, z outwards; what changes is their tilt.
+        let tilt = |u: f32, v: f32| (0.5 + t * (1.0 + wave(v, u))) * wave(u, v);
+        let n = 256;
+        let texels = (0..n * n).flat_map(|i| {
+            let (u, v) = ((i % n) as f32 / n as f32, (i / n) as f32 / n as f32);
+            let normal = vec3(tilt(u, v), tilt(v, u), 1.0).normalize();
+            (0.5 * normal + 0.5).to_array()
+        });
+        let (wrap, filter) = (Wrap::Repeat, Filter::Bilinear);
+        let map = Texture { width: n, height: n, channels: 3, data: texels.collect(), wrap, filter };
+        b.description.textures.push(map);
+        let normals = Some(Input::Texture(b.description.textures.len() - 1));
+        let grey = b.diffuse(Vec3::splat(0.6));
+        let ground = floor(Vec3::ZERO, 2.0);
+        let uvs = ground.vertices.iter().map(|v| glam::vec2(0.25 * v.x + 0.5, 0.25 * v.z + 0.5)).collect();
+        b.add(Mesh { uvs: Some(uvs), ..ground }, Material { normals, ..grey });
+        b.lamp(ceiling(vec3(3.0, 1.2, 1.0), 0.3), Vec3::splat(60.0));
+        (b.description, camera(vec3(0., 2.5, -4.), Vec3::ZERO, 45.0))
+    };
+    cases.push(Case {
+        spp: 16,
+        step: 0.02,
+        ..Case::new(Kind::Layers, "25 relief at grazing light", "normal map", build)
     });
 }

@@ -121,14 +121,16 @@ impl Checker<'_> {
         let Some(signature) = self.signature(id) else { return false };
         let at = signature.params.iter().position(|p| p.name == name.text);
         let left_out = at.is_some_and(|i| call.args.get(i).is_some_and(Option::is_none));
+        let is_given = |argument: &str| {
+            let at = signature.params.iter().position(|p| p.name == argument);
+            at.is_some_and(|i| call.args.get(i).is_some_and(Option::is_some))
+        };
         // Fields that follow from other arguments exist too.
         let follows = match (native.as_str(), name.text.as_str()) {
             ("spot", "beam") | ("environment", "rotation") => true,
+            ("point", "rotation") => is_given("profile"),
             // Of a metal that is not told by its index.
-            ("conductor", "reflectance") => {
-                let index = signature.params.iter().position(|p| p.name == "eta");
-                index.is_some_and(|i| call.args.get(i).is_none_or(Option::is_none))
-            }
+            ("conductor", "reflectance") => !is_given("eta"),
             _ => false,
         };
         let (message, help) = match parts {

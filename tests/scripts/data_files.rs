@@ -116,7 +116,7 @@ fn photometric_files_shine() {
         folder.path(),
         "let map = load_profile(\"lamp.IES\")\nexpect map.width == 1\nexpect max(map) ≈ 500 within 0.1%\n\
          shape ground { mesh: rectangle(width: 20, depth: 20), material: diffuse(reflectance: 0.5) }\n\
-         fn seen(lamp, x) = mean(render(scene(shapes: [ground], lights: [lamp]), camera(position: [x, 0.5, 0], look_at: [x, 0, 0], up: [0, 0, 1], fov: 0.1deg, film: [1, 1]), spp: 4, max_bounces: 1))\n\
+         fn seen(lamp, x) = mean(render(camera(position: [x, 0.5, 0], look_at: [x, 0, 0], up: [0, 0, 1], fov: 0.1deg, film: [1, 1]), scene: scene(shapes: [ground], lights: [lamp]), spp: 4, max_bounces: 1))\n\
          let down = point(position: [0, 2, 0], intensity: 0.01, profile: \"lamp.IES\")\n\
          let askew = point(position: [0, 2, 0], profile: map / 100, rotation: aim([1, -1, 0], turn: 77deg))\n\
          expect seen(down, 0) ≈ 0.5 / pi * 5 / 4 within 0.1%\n\

@@ -5,7 +5,8 @@ use std::sync::Arc;
 use crate::tape::{Slice, Tensor, Var};
 
 use super::blends::blended;
-use super::scene::{rotation_of, transform_matrix, unusable_profile};
+use super::lights::{rotation_of, unusable_profile};
+use super::scene::transform_matrix;
 use super::value::{
     CameraValue, DeltaLightValue, Input, LightValue, MaterialValue, MeshValue, ProfileValue, SettingsKind,
     SettingsValue, ShapeValue, TextureValue, Value,

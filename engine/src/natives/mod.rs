@@ -9,6 +9,7 @@ mod fields;
 mod files;
 mod images;
 mod layout;
+mod lights;
 mod linear;
 mod measures;
 mod meshes;
@@ -101,7 +102,7 @@ pub struct Args<'a> {
 
 pub type Native = fn(&Args) -> Result<Value>;
 
-const TABLES: [&[(&str, Native)]; 14] = [
+const TABLES: [&[(&str, Native)]; 15] = [
     numbers::TABLE,
     reduce::TABLE,
     linear::TABLE,
@@ -113,6 +114,7 @@ const TABLES: [&[(&str, Native)]; 14] = [
     data::TABLE,
     layout::TABLE,
     files::TABLE,
+    lights::TABLE,
     scene::TABLE,
     priors::TABLE,
     sky::TABLE,

@@ -11,11 +11,10 @@ use crate::render::{
 use crate::tape::{Slice, Tensor, Var};
 
 use super::blends::blended;
-use super::data::{is_photometric, load_profile};
 use super::images::read_image;
 use super::value::{
-    CameraValue, DeltaLightValue, DeltaModel, Input, LightValue, MaterialValue, MeshValue, ProfileValue, SceneValue,
-    SettingsKind, SettingsValue, ShapeValue, TextureValue, Value,
+    CameraValue, DeltaLightValue, Input, LightValue, MaterialValue, MeshValue, SceneValue, SettingsKind, SettingsValue,
+    ShapeValue, TextureValue, Value,
 };
 use super::{Args, Native, NativeError, Result};
 
@@ -63,16 +62,6 @@ pub(super) const TABLE: &[(&str, Native)] = &[
         };
         Ok(Value::Shape(Arc::new(ShapeValue { mesh: mesh_of(a, m)?, material })))
     }),
-    ("area", area),
-    ("light", area),
-    ("point", point),
-    ("spot", spot),
-    ("directional", |a| {
-        let numbers = vec![("direction", axis(a)?), ("irradiance", power(a, "irradiance")?)];
-        delta_light(DeltaModel::Directional, numbers)
-    }),
-    ("environment", environment),
-    ("constant", |a| light(LightValue::Environment { radiance: Input::Number(power(a, "radiance")?), rotation: None })),
     ("scene", scene),
     ("camera", camera),
     ("moving", moving),
@@ -140,7 +129,7 @@ fn unknown(a: &Args, argument: &str, found: &str, expected: &str) -> NativeError
 }
 
 /// One or three channels; alpha is dropped, grey with alpha too.
-fn usable_channels(texels: &Var, blame: usize) -> Result<Var> {
+pub(super) fn usable_channels(texels: &Var, blame: usize) -> Result<Var> {
     let &[h, w, c] = texels.shape() else {
         return Err(NativeError::at(blame, "a texture has rows, columns and channels"));
     };
@@ -171,7 +160,7 @@ fn checkerboard(a: &Args) -> Result<Value> {
 // ---- materials -----------------------------------------------------------------------------------------------------
 
 /// Reads a number, color or texture; `color` says that three channels make sense.
-fn input(a: &Args, index: usize, color: bool) -> Result<Input> {
+pub(super) fn input(a: &Args, index: usize, color: bool) -> Result<Input> {
     let name = a.names[index];
     let texture = |t: &Arc<TextureValue>| Ok(Input::Texture(t.clone()));
     match a.value(index)? {
@@ -193,7 +182,7 @@ fn input(a: &Args, index: usize, color: bool) -> Result<Input> {
 }
 
 /// The numbers of an input must lie within `range`.
-fn within(a: &Args, index: usize, input: &Input, range: std::ops::RangeInclusive<f64>) -> Result<()> {
+pub(super) fn within(a: &Args, index: usize, input: &Input, range: std::ops::RangeInclusive<f64>) -> Result<()> {
     let values = match input {
         Input::Number(v) => v.value(),
         Input::Texture(t) | Input::Tinted(t) => t.texels.value(),
@@ -228,7 +217,7 @@ fn within(a: &Args, index: usize, input: &Input, range: std::ops::RangeInclusive
 }
 
 /// Of what light is multiplied by. Products of a few must not leave single precision.
-const LARGEST: f64 = 1e30;
+pub(super) const LARGEST: f64 = 1e30;
 
 /// A material whose inputs are the arguments of their names.
 fn material(a: &Args, model: &MaterialKind<()>) -> Result<Value> {
@@ -344,14 +333,14 @@ pub(super) fn no_layer(material: &MaterialValue) -> String {
     format!("`{}` {does}", material.kind.name())
 }
 
-fn material_of(a: &Args, index: usize) -> Result<Arc<MaterialValue>> {
+pub(super) fn material_of(a: &Args, index: usize) -> Result<Arc<MaterialValue>> {
     match a.value(index)? {
         Value::Material(m) => Ok(m.clone()),
         _ => Err(a.wrong(index, "a material")),
     }
 }
 
-fn mesh_of(a: &Args, index: usize) -> Result<Arc<MeshValue>> {
+pub(super) fn mesh_of(a: &Args, index: usize) -> Result<Arc<MeshValue>> {
     let mesh = match a.value(index)? {
         Value::Mesh(m) => m.clone(),
         Value::Shape(s) => s.mesh.clone(),
@@ -361,171 +350,6 @@ fn mesh_of(a: &Args, index: usize) -> Result<Arc<MeshValue>> {
         return Err(NativeError::at(index, "the mesh has no triangles"));
     }
     Ok(mesh)
-}
-
-// ---- lights --------------------------------------------------------------------------------------------------------
-
-fn light(light: LightValue) -> Result<Value> {
-    Ok(Value::Light(Arc::new(light)))
-}
-
-fn delta_light(model: DeltaModel, numbers: Vec<(&'static str, Var)>) -> Result<Value> {
-    light(LightValue::Delta(DeltaLightValue { model, numbers, profile: None, closing: None }))
-}
-
-fn point(a: &Args) -> Result<Value> {
-    let numbers = vec![("position", a.needed_vector("position")?), ("intensity", power(a, "intensity")?)];
-    let rotation = rotation_argument(a)?;
-    let profile = match a.named("profile") {
-        Some((i, _)) => Some(ProfileValue { map: profile(a, i)?, rotation }),
-        None if rotation.is_some() => {
-            let error = NativeError::new("`rotation` turns a `profile`, and this light has none");
-            let help = "a point light shines equally in all directions: leave `rotation` out, or give it a `profile`";
-            return Err(NativeError { arg: a.index("rotation"), ..error.help(help) });
-        }
-        None => None,
-    };
-    light(LightValue::Delta(DeltaLightValue { model: DeltaModel::Point, numbers, profile, closing: None }))
-}
-
-/// The map of a light's profile: a photometric file, or an image as those of environments.
-fn profile(a: &Args, index: usize) -> Result<Arc<TextureValue>> {
-    let texture = match a.value(index)? {
-        Value::Str(path) if is_photometric(path) => interpolated(load_profile(a, index)?),
-        Value::Str(_) => interpolated(usable_channels(&read_image(a, index)?, index)?),
-        _ => match input(a, index, true)? {
-            Input::Texture(texture) => texture,
-            _ => return Err(a.wrong(index, "an image or a photometric file")),
-        },
-    };
-    if let Some(problem) = unusable_profile(&texture) {
-        return Err(NativeError::at(index, problem).help("leave `filter` out: `\"linear\"` is interpolated"));
-    }
-    within(a, index, &Input::Texture(texture.clone()), 0.0..=LARGEST)?;
-    Ok(texture)
-}
-
-/// An image as the map of an environment or a profile.
-fn interpolated(texels: Var) -> Arc<TextureValue> {
-    Arc::new(TextureValue { texels, wrap: Wrap::Repeat, filter: Filter::Bilinear })
-}
-
-/// Why a texture cannot be a profile. A step in it would cast an outline, whose derivatives no edge of a mesh would give.
-pub(super) fn unusable_profile(texture: &TextureValue) -> Option<&'static str> {
-    let steps = texture.filter == Filter::Nearest && texture.texels.shape()[..2] != [1, 1];
-    steps.then_some("a light's profile is interpolated between its texels, and this texture is not")
-}
-
-/// The argument `rotation`, if there is one: a rotation, or an angle about +y.
-fn rotation_argument(a: &Args) -> Result<Option<Var>> {
-    let rotation = a.named("rotation").map(|(i, v)| rotation_of(v).ok_or_else(|| a.wrong(i, "a rotation or an angle")));
-    rotation.transpose()
-}
-
-/// A direction that is one.
-fn axis(a: &Args) -> Result<Var> {
-    let (i, _) = a.need("direction")?;
-    let direction = a.vector(i, 3, false)?;
-    if direction.value().data.iter().all(|x| *x == 0.0) {
-        return Err(NativeError::at(i, "a direction of length 0"));
-    }
-    Ok(direction)
-}
-
-/// What a spot light's angles can be.
-fn cone_range(name: &str) -> String {
-    let least = if name == "cutoff" { "above 0deg" } else { "at least 0deg" };
-    format!("a spot light's `{name}` is {least} and at most 180deg")
-}
-
-/// Of a spot light without a `beam`, the share of its cutoff that is lit evenly.
-const BEAM: f64 = 0.75;
-
-fn spot(a: &Args) -> Result<Value> {
-    let angle = |name: &str| a.named_var(name).map(|v| v.cloned());
-    let cutoff = angle("cutoff")?.unwrap_or_else(|| Var::from(std::f64::consts::FRAC_PI_6));
-    let beam = angle("beam")?.unwrap_or_else(|| cutoff.scale(BEAM));
-    for (name, v) in [("cutoff", &cutoff), ("beam", &beam)] {
-        let degrees = v.value().data.first().map_or(f64::NAN, |x| x.to_degrees());
-        let inside = if name == "cutoff" { degrees > 0.0 } else { degrees >= 0.0 };
-        if !(inside && degrees <= 180.0) {
-            let message = format!("{}, this is {}deg", cone_range(name), short(degrees));
-            let help = "it is the angle between the light's direction and the edge of its cone";
-            return Err(NativeError { arg: a.index(name), ..NativeError::new(message).help(help) });
-        }
-    }
-    if beam.value().data >= cutoff.value().data {
-        let help =
-            "light that ends at a sharp edge has no derivative there: leave `beam` out for three quarters of `cutoff`";
-        let error = NativeError::new("a spot light's `beam` must be smaller than its `cutoff`").help(help);
-        return Err(NativeError { arg: a.index("beam"), ..error });
-    }
-    let numbers = vec![
-        ("position", a.needed_vector("position")?),
-        ("direction", axis(a)?),
-        ("intensity", power(a, "intensity")?),
-        ("cutoff", cutoff),
-        ("beam", beam),
-    ];
-    delta_light(DeltaModel::Spot, numbers)
-}
-
-/// Three numbers of at least 0; 1 where missing.
-fn power(a: &Args, name: &str) -> Result<Var> {
-    let Some((i, _)) = a.named(name) else { return Ok(Var::constant(Tensor::full(&[3], 1.0))) };
-    let v = a.vector(i, 3, true)?;
-    within(a, i, &Input::Number(v.clone()), 0.0..=LARGEST)?;
-    Ok(v)
-}
-
-fn area(a: &Args) -> Result<Value> {
-    let (m, _) = a.need("mesh")?;
-    let radiance = match a.named("radiance") {
-        Some((i, _)) => {
-            let radiance = input(a, i, true)?;
-            within(a, i, &radiance, 0.0..=LARGEST)?;
-            radiance
-        }
-        None => Input::Number(Var::from(1.0)),
-    };
-    let material = a.named("material").map(|(i, _)| material_of(a, i)).transpose()?;
-    let two_sided = a.boolean("two_sided")?.unwrap_or(false);
-    light(LightValue::Area { mesh: mesh_of(a, m)?, radiance, two_sided, material })
-}
-
-fn environment(a: &Args) -> Result<Value> {
-    let mut radiance = match a.value(0)? {
-        Value::Str(_) => Input::Texture(interpolated(usable_channels(&read_image(a, 0)?, 0)?)),
-        _ => input(a, 0, true)?,
-    };
-    within(a, 0, &radiance, 0.0..=LARGEST)?;
-    if matches!(radiance, Input::VertexColor | Input::Tinted(_)) {
-        return Err(a.wrong(0, "an image or a color"));
-    }
-    if a.named("scale").is_some_and(|(_, v)| v.number() != Some(1.0)) {
-        let scale = power(a, "scale")?;
-        radiance = match radiance {
-            Input::Number(v) => Input::Number(v.mul(&scale)?),
-            Input::Texture(t) => {
-                Input::Texture(Arc::new(TextureValue { texels: t.texels.mul(&scale)?, ..(*t).clone() }))
-            }
-            other => other,
-        };
-    }
-    light(LightValue::Environment { radiance, rotation: rotation_argument(a)? })
-}
-
-/// A rotation, or the turn about +y by an angle.
-pub(super) fn rotation_of(v: &Value) -> Option<Var> {
-    match v {
-        Value::Rotation(r) => Some(r.clone()),
-        Value::Num(v) if v.len() == 1 => {
-            let y = Var::constant(Tensor::vector(vec![0.0, 1.0, 0.0]));
-            Var::rotation_about(&y, &v.reshape(vec![]).ok()?).ok()
-        }
-        Value::Num(v) if v.shape() == [3, 3] => Some(v.clone()),
-        _ => None,
-    }
 }
 
 // ---- scenes and cameras --------------------------------------------------------------------------------------------
@@ -791,7 +615,10 @@ fn moving_light(a: &Args, opening: &LightValue, closing: &LightValue) -> Result<
                 )
                 .help("give both keyframes the same `profile`: `let lamp = load_profile(…)`"));
             }
-            light(Delta(DeltaLightValue { closing: Some(Arc::new(closing.clone())), ..opening.clone() }))
+            Ok(Value::Light(Arc::new(Delta(DeltaLightValue {
+                closing: Some(Arc::new(closing.clone())),
+                ..opening.clone()
+            }))))
         }
         (Area { .. }, _) => Err(NativeError::at(0, "a light with an area moves as its mesh does")
             .help("write `area(moving(mesh, mesh |> translate([1, 0, 0])))`")),
@@ -828,7 +655,7 @@ fn lens(a: &Args, whole_turn: bool) -> Result<()> {
 }
 
 /// At most six digits.
-fn short(x: f64) -> String {
+pub(super) fn short(x: f64) -> String {
     let text = format!("{x:.4}");
     text.trim_end_matches('0').trim_end_matches('.').to_string()
 }

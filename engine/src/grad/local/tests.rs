@@ -10,6 +10,7 @@ use crate::math::{Dual, Pcg32};
 use crate::mesh::Mesh;
 use crate::render::accel::{Hit, Ray};
 use crate::render::bsdf::Bsdf;
+use crate::render::light::Arrival;
 use crate::render::mask::MaskSampling;
 use crate::render::sampler::Sampler;
 use crate::render::scene::Cone;
@@ -331,14 +332,37 @@ fn add_light(rng: &mut Pcg32, builder: &mut Builder, i: usize, (corners, at): ([
     }
 }
 
+/// Whether light shows what is special about its kind: surfaces that touch, the soft border of a spot, a profile that differs from direction to
+/// direction, a sun in the sky. `None` where derivatives are too steep to be compared.
+fn is_special(moving: &Moving, light: &LightSample, Arrival { dir, distance, .. }: &Arrival) -> Option<bool> {
+    let scene = &moving.scene;
+    // At the poles of a map, neighbouring rows of texels meet.
+    let at_pole = |y: f64| y.abs() > 0.98;
+    Some(match light.kind {
+        LightKind::Area if light.n.dot(*dir).abs() < STEEP || *distance < 0.2 => return None,
+        LightKind::Area => scene.touch(0, light.prim),
+        LightKind::Point(i) => match (light.cone, scene.description.delta_lights[i as usize].profile()) {
+            (Some(cone), _) => match cone.falloff(-*dir).value {
+                falloff if falloff < 0.01 => return None,
+                falloff => falloff < 1.0,
+            },
+            (_, Some(map)) if at_pole(f64::from((map.rotation.transpose() * *dir).y)) => return None,
+            (_, Some(map)) => !scene.description.textures[map.texels].is_constant(),
+            _ => false,
+        },
+        LightKind::Directional(_) => true,
+        LightKind::Environment if at_pole(moving.in_map(constants(*dir))[1].value) => return None,
+        LightKind::Environment => scene.environment_peak.is_some(),
+    })
+}
+
 /// Light of all kinds that is reflected, through masks, at a point that is seen along a ray: matte or shiny, smooth or flat, by
 /// textures, as everything there is moves.
 #[test]
 fn reflected_light_matches_the_dual_number_twin() {
     let mut rng = Pcg32::new(22);
     let rng = &mut rng;
-    // By kind: all, through masks, with an attached lobe, and with what is special about the kind: surfaces that touch, the soft
-    // border of a spot, a sun in the sky.
+    // By kind: all, through masks, with an attached lobe, and with what is special about the kind.
     let mut checked = [[0; 4]; KINDS.len()];
     for i in 0..32_000 {
         let kind = i % KINDS.len();
@@ -359,30 +383,11 @@ fn reflected_light_matches_the_dual_number_twin() {
         let mut light = scene.sample_light(Vec2::from(rng.next_2d())).unwrap();
         let Some(arrival) = scene.arrive(&mut light, si.p) else { continue };
         let dir = arrival.dir;
-        let profile = match light.kind {
-            LightKind::Point(i) => scene.description.delta_lights[i as usize].profile(),
-            _ => None,
-        };
         let Some((crossings, pass)) = masks(scene, &si.spawn_ray_to(dir, arrival.distance), &[0, light.prim]) else {
             continue;
         };
         let clear = si.ns.dot(dir) > STEEP && si.ng.dot(dir) > STEEP;
-        let special = match light.kind {
-            LightKind::Area if light.n.dot(dir).abs() < STEEP || arrival.distance < 0.2 => continue,
-            LightKind::Environment if moving.in_map(constants(dir))[1].value.abs() > 0.98 => continue,
-            // At the poles of its map, neighbouring rows of texels meet.
-            LightKind::Point(_) if profile.is_some_and(|map| (map.rotation.transpose() * dir).y.abs() > 0.98) => {
-                continue;
-            }
-            LightKind::Area => scene.touch(0, light.prim),
-            LightKind::Point(_) if let Some(map) = profile => !scene.description.textures[map.texels].is_constant(),
-            LightKind::Point(_) => match light.cone.map(|cone| cone.falloff(-dir).value) {
-                Some(falloff) if falloff < 0.01 => continue,
-                falloff => falloff.is_some_and(|f| f < 1.0),
-            },
-            LightKind::Directional(_) => true,
-            LightKind::Environment => scene.environment_peak.is_some(),
-        };
+        let Some(special) = is_special(&moving, &light, &arrival) else { continue };
         if !clear {
             continue;
         }
