@@ -751,7 +751,7 @@ impl GlassBall {
         b.add(floor(Vec3::ZERO, 3.0), grey);
         let roughness = rough.map(|r| b.scalar(r + self.roughness));
         let glass = MaterialKind::Dielectric { ior: b.scalar(1.5 + self.ior), roughness, absorption: None };
-        let ball = Mesh { normals: None, ..shapes::sphere(0.8, 48).unwrap_or_default() };
+        let ball = shapes::sphere(0.8, 48).unwrap_or_default();
         b.add(turned(&ball, Mat3::IDENTITY, vec3(0.1, 1.0, 0.2)), Material::from(glass));
         match lamp {
             Some(size) => {
@@ -777,18 +777,19 @@ fn glass(cases: &mut Vec<Case>) {
         "roughness" => GlassBall { roughness: t, ..GlassBall::default() },
         _ => GlassBall { floor: t, ..GlassBall::default() },
     };
-    for (param, step) in [("floor albedo", 0.03), ("roughness", 0.02), ("ior", 0.01)] {
+    for (param, step) in [("floor albedo", 0.03), ("roughness", 0.06)] {
         let build = move |t: f32| moves(param, t).build(Some(0.4), Some(0.6));
         let case = Case::new(Kind::Glass, "22 ball of rough glass, α = 0.16, 4 bounces", param, build);
-        cases.push(Case { bounces: 4, spp: 16, step, effort: 4, ..case });
+        cases.push(Case { bounces: 4, spp: 16, step, effort: 4, ramp: Ramp::Y, ..case });
     }
-    for (param, step) in [("floor albedo", 0.03), ("ior", 0.004)] {
+    // With all other light, as another renderer's light tracer has it, and alone.
+    for (param, method, step) in [("floor albedo", Method::Both, 0.03), ("ior", Method::Light, 0.004)] {
         let build = move |t: f32| {
             let (scene, eye) = moves(param, t).build(None, None);
             (scene, Camera { filter: PixelFilter::Tent, ..eye })
         };
         let case = Case::new(Kind::Glass, "23 caustic of a smooth ball, by light tracing", param, build);
-        cases.push(Case { method: Method::Light, bounces: 4, spp: 16, step, effort: 4, ..case });
+        cases.push(Case { method, bounces: 4, spp: 16, step, effort: 4, ..case });
     }
 }
 

@@ -60,7 +60,7 @@ def refusal(case):
 def settings(case):
     """(name, integrator, attributes, samples per pixel)"""
     spp, depth = case["spp"], case["bounces"] + 1
-    if case["method"] == "light":
+    if case["method"] == "both":
         return [("ptracer", dict(type="ptracer", max_depth=depth, rr_depth=100), {}, n) for n in (spp, 4 * spp, 16 * spp)]
     moves = any(v["slot"][0] in ("vertices", "normals") for v in case["velocities"])
     if not moves:
@@ -122,7 +122,11 @@ class Case:
         v = self.floats(mesh["vertices"], -1, 3)
         f = self.floats(mesh["faces"]).view("<u4").reshape(-1, 3)
         uvs = self.floats(mesh["uvs"], -1, 2) if mesh["uvs"] else None
+        normals = self.floats(mesh["normals"], -1, 3) if mesh["normals"] else None
         columns, header = [v], "property float x\nproperty float y\nproperty float z\n"
+        if normals is not None:
+            columns.append(normals)
+            header += "property float nx\nproperty float ny\nproperty float nz\n"
         if uvs is not None:
             columns.append(uvs)
             header += "property float u\nproperty float v\n"
@@ -199,13 +203,13 @@ class Case:
                   "sampler": {"type": "independent", "sample_count": spp},
                   "film": {"type": "hdrfilm", "width": c["width"], "height": c["height"], "rfilter": {"type": c["filter"]},
                            "sample_border": False, "pixel_format": "rgb", "component_format": "float32"}}
-        kind = "ptracer" if self.case["method"] == "light" else "path"
+        kind = "ptracer" if self.case["method"] == "both" else "path"
         d = {"type": "scene", "integrator": {"type": kind, "max_depth": self.case["bounces"] + 1, "rr_depth": 100},
              "sensor": sensor}
         for i, s in enumerate(self.case["shapes"]):
             path = os.path.join(folder, "%d.ply" % i)
             self.ply(s["mesh"], path)
-            shape = {"type": "ply", "filename": path, "face_normals": True, "bsdf": self.material(mi, s)}
+            shape = {"type": "ply", "filename": path, "face_normals": s["mesh"]["normals"] is None, "bsdf": self.material(mi, s)}
             if s["emission"]:
                 shape["emitter"] = {"type": "area", "radiance": self.colour(mi, s["emission"]["radiance"])}
             d["shape%d" % i] = shape
