@@ -110,15 +110,7 @@ pub fn velocities(case: &Case) -> Vec<(Slot, Vec<f32>)> {
 }
 
 fn settings(case: &Case, spp: u32, seed: u64) -> Settings {
-    Settings {
-        output: case.output,
-        spp,
-        max_bounces: case.bounces,
-        seed,
-        boundary: true,
-        method: case.method,
-        ..Settings::default()
-    }
+    Settings { output: case.output, spp, max_bounces: case.bounces, seed, boundary: true, method: case.method }
 }
 
 /// `seeds` gradients, or more if the derivative is to be precise.

@@ -90,7 +90,7 @@ impl<'a> Options<'a> {
 #[derive(Clone, Copy, Debug)]
 pub struct Connection {
     pub light: LightSample,
-    /// Direction and distance to the light, geometry factor as in [`LightSample::arrive`].
+    /// Direction and distance to the light, geometry factor as in [`Arrival`](crate::render::light::Arrival).
     pub dir: Vec3,
     pub distance: f32,
     pub geometry: f32,

@@ -31,7 +31,7 @@ pub struct LightSample {
     /// Area: right-hand-rule unit normal.
     pub n: Vec3,
     /// Radiance (area light, times the opacity of its mask; environment), intensity (point light) or perpendicular irradiance
-    /// (directional light), without any geometry factor. That of a goniometric light is in no direction until [`Scene::arrive`] gives it one.
+    /// (directional light), without any geometry factor. That of a goniometric light is in no direction until `Scene::arrive` gives it one.
     pub power: Vec3,
     /// Area: per unit area; environment: per steradian; delta lights: probability.
     pub pdf: f32,
@@ -130,7 +130,7 @@ impl LightSample {
         has_profile: false,
     };
 
-    /// [`Scene::arrive`], with the power of a goniometric light left to do.
+    /// `Scene::arrive`, with the power of a goniometric light left to do.
     #[inline]
     pub(super) fn arrive(&self, x: Vec3) -> Option<Arrival> {
         match self.kind {
