@@ -292,6 +292,7 @@ impl Checker<'_> {
         let around = crate::diag::advice::around_material(&name.text);
         let around = around.filter(|_| super::fields::materials().any(|(constructor, _)| constructor == site.name));
         let help = match (foreign, around) {
+            _ if let Some(help) = crate::diag::advice::of_light(site.name, &name.text) => Some(help.to_owned()),
             (Some(field), _) => Some(format!("did you mean `{field}`?")),
             (None, Some(function)) => {
                 Some(format!("`{function}` is put around a material: `{function}({}(…), …)`", site.name))
@@ -477,6 +478,9 @@ impl Checker<'_> {
             Ty::Num(shape) if shape.is_empty() && is(Ty::Num(vec![None])) => format!("write `[{short}]`"),
             Ty::Num(shape) if shape.is_empty() && accepts(Ty::vector(3)) => {
                 format!("write `[{short}, {short}, {short}]`")
+            }
+            Ty::Num(shape) if shape.as_slice() == [Some(3)] && accepts(Ty::Rotation) => {
+                format!("the rotation that makes what hangs down point there is `aim({short})`")
             }
             Ty::Num(_) if is(Ty::Material) => format!("write `diffuse(reflectance: {short})`"),
             Ty::Num(_) if is(Ty::Optimizer) => format!("write `adam(lr: {short})`"),

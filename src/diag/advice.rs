@@ -281,6 +281,7 @@ pub fn field(name: &str, known: &[&str]) -> Option<&'static str> {
         "glossiness" | "shininess" | "exponent" => &["roughness"],
         "normal" | "normal_texture" | "map" | "texture" => &["normals"],
         "opacity_map" | "alpha_map" | "coverage" | "transparency" => &["opacity"],
+        "ies" | "ies_file" | "photometry" | "distribution" => &["profile"],
         "bsdf" | "brdf" | "shader" => &["material"],
         "geometry" | "shape" | "primitive" | "model" => &["mesh"],
         "lookat" | "target" | "center" | "at" | "focus_point" => &["look_at"],
@@ -374,6 +375,19 @@ pub fn around_material(argument: &str) -> Option<&'static str> {
         "one_sided" => "one_sided",
         _ => return None,
     })
+}
+
+/// What a light has for an argument that it has not: a point with a profile is turned, a spot has nothing but its cone.
+pub fn of_light(light: &str, argument: &str) -> Option<&'static str> {
+    match (light, argument.to_lowercase().as_str()) {
+        ("point", "direction" | "aim" | "target" | "look_at" | "to" | "axis") => {
+            Some("a `profile` is turned by `rotation: aim(…)`; light in a cone is a `spot`")
+        }
+        ("spot", "profile" | "ies" | "texture" | "map" | "rotation") => Some(
+            "a spot lights its cone evenly; by a profile shines `point(position: …, profile: …, rotation: aim(…))`",
+        ),
+        _ => None,
+    }
 }
 
 /// The function that `name` is called here.

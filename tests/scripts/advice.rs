@@ -34,6 +34,31 @@ const ROWS: &[Row] = &[
     ("let a = 45degrees", "45degrees", "45deg", "let a = 45deg"),
     ("let a = sin(radians(45))", "radians", "45 * 1deg", "let a = sin(45 * 1deg)"),
     ("let a = degrees(atan2(1, 2))", "degrees", "atan2(1, 2) / 1deg", "let a = atan2(1, 2) / 1deg"),
+    // Lights by profiles.
+    (
+        "light l = spot(position: v, direction: [0, -1, 0], profile: image([[1]]))",
+        "profile",
+        "point(position: …, profile: …, rotation: aim(…))",
+        "light l = point(position: v, profile: image([[1]]), rotation: aim([0, -1, 0]))",
+    ),
+    (
+        "light l = point(position: v, direction: [0, -1, 0], profile: image([[1]]))",
+        "direction",
+        "rotation: aim(…)",
+        "light l = point(position: v, rotation: aim([0, -1, 0]), profile: image([[1]]))",
+    ),
+    (
+        "light l = point(position: v, profile: image([[1]]), rotation: [0, -1, 0])",
+        "[0, -1, 0]",
+        "aim([0, -1, 0])",
+        "light l = point(position: v, profile: image([[1]]), rotation: aim([0, -1, 0]))",
+    ),
+    (
+        "light l = point(position: v, ies: image([[1]]))",
+        "ies",
+        "profile",
+        "light l = point(position: v, profile: image([[1]]))",
+    ),
     // Assignments.
     ("x = 3\nlet y = x + x", "=", "let x = 3", "let x = 3\nlet y = x + x"),
     ("let a = 1\nx = 3\nprint x, a", "=", "let x = 3", "let a = 1\nlet x = 3\nprint x, a"),

@@ -225,7 +225,7 @@ fn validate_inputs(shape: &Shape, textures: &[Texture]) -> Result<(), String> {
             return Err(format!("a grain is one of GGX lobes, and `{}` has none", kind.name()));
         }
         if mesh.uvs.is_none() {
-            return Err("the material has a grain, but the mesh has no texture coordinates".into());
+            return Err("the material is `brushed`, but the mesh has no texture coordinates".into());
         }
     }
     if let Some(normals) = shape.material.normals {
