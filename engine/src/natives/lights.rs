@@ -59,7 +59,7 @@ fn profile(a: &Args, index: usize) -> Result<Arc<TextureValue>> {
         },
     };
     if let Some(problem) = unusable_profile(&texture) {
-        return Err(NativeError::at(index, problem).help("leave `filter` out: `\"linear\"` is interpolated"));
+        return Err(NativeError::at(index, problem).help("leave `filter` out: \"bilinear\" is interpolated"));
     }
     within(a, index, &Input::Texture(texture.clone()), 0.0..=LARGEST)?;
     Ok(texture)
