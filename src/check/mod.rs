@@ -28,6 +28,7 @@ mod log;
 mod modules;
 mod near;
 mod operands;
+mod other_files;
 pub mod params;
 mod paths;
 pub mod plot;
@@ -109,14 +110,24 @@ impl Checked {
 
 /// Checks a file. `overrides` are `--set NAME=EXPR`: they replace the values of declarations of the file.
 pub fn check(path: &Path, overrides: &[(String, String)], loader: &(dyn Loader + Sync)) -> Checked {
-    match loader.read(path) {
+    match read_script(path, loader) {
         Ok(text) => check_text(&path.display().to_string(), Some(path), text, overrides, loader),
-        Err(error) => Checked::unread(unreadable(path, &error)),
+        Err(why) => Checked::unread(why),
     }
 }
 
-/// Why a script cannot be read.
-pub fn unreadable(path: &Path, error: &io::Error) -> Diagnostic {
+/// The text of a script, or why it is none.
+pub fn read_script(path: &Path, loader: &dyn Loader) -> Result<String, Diagnostic> {
+    match loader.read(path) {
+        Err(error) if error.kind() != io::ErrorKind::InvalidData => Err(unreadable(path, &error)),
+        read => match other_files::no_script(path) {
+            Some(why) => Err(why),
+            None => read.map_err(|error| unreadable(path, &error)),
+        },
+    }
+}
+
+fn unreadable(path: &Path, error: &io::Error) -> Diagnostic {
     let shown = path.display();
     let reason = match error.kind() {
         io::ErrorKind::NotFound => "there is no such file".to_owned(),

@@ -9,6 +9,7 @@ use super::hir::{self, DeclId, LocalId, Origin, Program};
 use super::library::{self, LIBRARY};
 use super::lints;
 use super::log::DiagnosticLog;
+use super::other_files;
 use super::signature::{Const, FunctionKey, Sig};
 use super::types::Ty;
 use crate::diag::{Diagnostic, Names, did_you_mean, suggest};
@@ -508,11 +509,14 @@ impl<'l> Checker<'l> {
                 "leave it out: all functions of the library are there".to_owned()
             }
             Some(found) => format!("did you mean `{found}`?"),
-            None => {
-                let modules = LIBRARY.iter().filter(|(_, prelude, _)| !prelude).map(|(n, ..)| format!("`std.{n}`"));
-                let modules = modules.collect::<Vec<String>>().join(", ");
-                format!("files are imported by path: `import \"{name}.dscene\"`; the library has {modules}")
-            }
+            None => match other_files::kind_and_help(name) {
+                Some((kind, help)) => format!("`{name}` is {kind}: {help}"),
+                None => {
+                    let modules = LIBRARY.iter().filter(|(_, prelude, _)| !prelude).map(|(n, ..)| format!("`std.{n}`"));
+                    let modules = modules.collect::<Vec<String>>().join(", ");
+                    format!("files are imported by path: `import \"{name}.dscene\"`; the library has {modules}")
+                }
+            },
         };
         self.diagnostics.push(
             Diagnostic::error("dscene::import::missing", format!("there is no module `{name}`"))
@@ -529,6 +533,16 @@ impl<'l> Checker<'l> {
         let key = normal(&full);
         if let Some(&module) = self.files.get(&key) {
             return Some(module);
+        }
+        if let Some((kind, help)) = other_files::kind_and_help(path)
+            && self.loader.exists(&full)
+        {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::file::format", format!("`{path}` is {kind}, and no script"))
+                    .label(span, format!("{kind}, by its ending"))
+                    .help(help),
+            );
+            return None;
         }
         let known = self.sources.iter().find(|(_, f)| f.path.as_deref() == Some(&full)).map(|(id, _)| id);
         let source = match known {

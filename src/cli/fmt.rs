@@ -9,7 +9,7 @@ use super::args::FmtArgs;
 use super::check::tell;
 use super::load::{STDIN, read_stdin, scripts};
 use super::{EXIT_WRONG, out};
-use crate::check::{Disk, Loader, unreadable};
+use crate::check::{Disk, read_script};
 use crate::diag::Diagnostic;
 use crate::files;
 use crate::source::SourceMap;
@@ -52,7 +52,7 @@ fn lay_out(args: &FmtArgs, path: &PathBuf, count: &mut Count) {
     let is_stdin = path == Path::new(STDIN);
     let name = if is_stdin { "<stdin>".to_owned() } else { path.display().to_string() };
     let mut sources = SourceMap::new();
-    let text = if is_stdin { read_stdin() } else { Disk.read(path).map_err(|error| unreadable(path, &error)) };
+    let text = if is_stdin { read_stdin() } else { read_script(path, &Disk) };
     let text = match text {
         Ok(text) => text,
         Err(diagnostic) => return fail(args, &diagnostic, &sources, count),

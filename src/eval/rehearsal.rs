@@ -2,7 +2,8 @@
 //!
 //! While one goes on, everything is evaluated as ever but renderings and their derivatives. These see a small film with few samples, twice
 //! with different numbers of them, so that what a rendering takes however few its paths are is told from what each path takes; both together
-//! say what the whole would take. The seconds beyond those that were really spent are summed up: a clock that counts them too shows the
+//! say what the whole would take. What moves while a shutter is open is rendered as static scenes, as many as there are samples, and a third
+//! measurement on a smaller film tells what each of these takes. The seconds beyond those that were really spent are summed up: a clock that counts them too shows the
 //! time of the whole program. Images have their full size all the same, so that what is computed of them takes what it takes.
 
 use std::collections::HashMap;
@@ -10,7 +11,7 @@ use std::sync::atomic::AtomicBool;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-use crate::grad::{self, Direction, Sampling, SceneError, Settings};
+use crate::grad::{self, Direction, Rows, Sampling, SceneError, Settings};
 use crate::image::Image;
 use crate::render::{Camera, Scene, Slot};
 use crate::source::Span;
@@ -91,24 +92,55 @@ pub(super) struct Task<'a> {
     pub settings: &'a Settings,
     pub stop: &'a AtomicBool,
     pub place: Span,
-    /// Whether it is a product with a matrix that is stored, which takes next to nothing.
-    pub is_stored: bool,
+}
+
+/// A derivative as a matrix, of a small film in place of a camera's own.
+pub(super) struct Matrix {
+    rows: Rows,
+    small: Camera,
+    camera: Camera,
+}
+
+impl Matrix {
+    pub fn times(&self, direction: &[f64]) -> Image {
+        let data = self.rows.times(direction).into_iter().map(|x| x as f32).collect::<Vec<f32>>();
+        let (width, height) = (self.small.width, self.small.height);
+        enlarged(&Image { width, height, channels: data.len() / (width * height).max(1), data }, &self.camera)
+    }
+
+    pub fn transposed_times(&self, d_image: &Image) -> Vec<f64> {
+        let d_small: Vec<f64> = gathered(d_image, &self.small).data.into_iter().map(f64::from).collect();
+        self.rows.transposed_times(&d_small)
+    }
+}
+
+/// What becomes of a derivative that is asked for as a matrix.
+pub(super) enum Stored {
+    /// It is computed as ever: that takes no longer than to measure its price.
+    AsEver,
+    /// It is too large to be stored, and its products are rendered, which is rehearsed in its turn.
+    Never,
+    Small(Matrix),
 }
 
 impl Task<'_> {
     /// The small film, if the whole is worth more than measuring its price.
     fn small(&self) -> Option<Camera> {
-        let camera = *self.camera;
-        let pixels = (camera.width * camera.height) as f64;
-        let scale = (PIXELS / pixels).sqrt();
-        let side = |n: usize| ((n as f64 * scale).round() as usize).max(1);
-        // A part of a film stays what it is.
-        let small = match scale < 1.0 && camera.crop.is_none() {
-            true => Camera { width: side(camera.width), height: side(camera.height), ..camera },
-            false => camera,
-        };
-        let measured = (small.width * small.height) as f64 * f64::from(FEW + MANY);
-        (pixels * f64::from(self.settings.spp) > measured).then_some(small)
+        let small = shrunk(self.camera, PIXELS);
+        let measured = pixels(&small) * f64::from(FEW + MANY);
+        (pixels(self.camera) * f64::from(self.settings.spp) > measured).then_some(small)
+    }
+
+    /// A film smaller still, if it tells more: static scenes of a moving one take their time however small a film is.
+    fn smaller(&self, small: &Camera) -> Option<Camera> {
+        let film = shrunk(small, pixels(small) / 4.0);
+        let is_telling = self.slices(MANY) > self.slices(FEW) && pixels(&film) < pixels(small);
+        is_telling.then_some(film)
+    }
+
+    /// How many static scenes are rendered for so many samples.
+    fn slices(&self, spp: u32) -> f64 {
+        f64::from(self.scene.slice_count(self.camera, spp))
     }
 
     fn with_samples(&self, spp: u32) -> Settings {
@@ -140,7 +172,7 @@ impl Rehearsal {
         let Some(small) = task.small() else {
             return grad::render_until(task.scene, task.camera, task.settings, task.stop);
         };
-        let work = |spp| grad::render_until(task.scene, &small, &task.with_samples(spp), task.stop);
+        let work = |film: &Camera, spp| grad::render_until(task.scene, film, &task.with_samples(spp), task.stop);
         Ok(enlarged(&self.reckon(task, Work::Image, &small, work)?, task.camera))
     }
 
@@ -155,15 +187,14 @@ impl Rehearsal {
             let Task { scene, camera, settings, stop, .. } = task;
             return grad::render_backward_until(scene, camera, settings, d_image, wrt, sampling, stop);
         };
-        let d_small = gathered(d_image, &small);
         // What was learnt about the large film does not fit the small one.
         let sampling = match sampling {
             Sampling::ByAdjoint(_) => Sampling::ByAdjoint(None),
             even => even,
         };
-        let work = |spp| {
-            let settings = task.with_samples(spp);
-            grad::render_backward_until(task.scene, &small, &settings, &d_small, wrt, sampling, task.stop)
+        let work = |film: &Camera, spp| {
+            let (settings, d_image) = (task.with_samples(spp), gathered(d_image, film));
+            grad::render_backward_until(task.scene, film, &settings, &d_image, wrt, sampling, task.stop)
         };
         self.reckon(task, Work::Gradient, &small, work)
     }
@@ -172,22 +203,35 @@ impl Rehearsal {
         let Some(small) = task.small() else {
             return grad::render_jacobian_until(task.scene, task.camera, task.settings, directions, task.stop);
         };
-        let work =
-            |spp| grad::render_jacobian_until(task.scene, &small, &task.with_samples(spp), directions, task.stop);
+        let work = |film: &Camera, spp| {
+            grad::render_jacobian_until(task.scene, film, &task.with_samples(spp), directions, task.stop)
+        };
         let found = self.reckon(task, Work::Tangents(directions.len()), &small, work)?;
         Ok(found.iter().map(|image| enlarged(image, task.camera)).collect())
     }
 
-    /// Reckons a derivative as a matrix; whether it was, or is small enough to be computed.
-    pub(super) fn matrix(&self, task: Task, wrt: &[Slot], room: usize) -> Result<bool, SceneError> {
-        let Some(small) = task.small() else { return Ok(false) };
-        let work = |spp| grad::render_rows_until(task.scene, &small, &task.with_samples(spp), wrt, room, task.stop);
-        let entries = self.reckon(task, Work::Matrix, &small, work)?.map_or(0, |rows| rows.len() as u64);
-        let pixels = |camera: &Camera| (camera.width * camera.height).max(1) as u64;
-        let whole = entries.saturating_mul(pixels(task.camera)) / pixels(&small);
+    /// Reckons a derivative as a matrix, with room for so many entries, which those of the whole film are taken off.
+    pub(super) fn matrix(&self, task: Task, wrt: &[Slot], room: &mut usize) -> Result<Stored, SceneError> {
+        let Some(small) = task.small() else { return Ok(Stored::AsEver) };
+        let all = *room;
+        if all == 0 {
+            return Ok(Stored::Never);
+        }
+        let work = |film: &Camera, spp| {
+            grad::render_rows_until(task.scene, film, &task.with_samples(spp), wrt, all, task.stop)
+        };
+        let rows = self.reckon(task, Work::Matrix, &small, work)?;
+        let whole = |rows: &Rows| (rows.len() as f64 * pixels(task.camera) / pixels(&small)) as usize;
+        let held = rows.as_ref().map_or(all, whole).min(all);
         let mut reckoning = self.reckoning();
-        reckoning.bytes = reckoning.bytes.max(whole.min(room as u64).saturating_mul(ENTRY_BYTES));
-        Ok(true)
+        reckoning.bytes = reckoning.bytes.max((held as u64).saturating_mul(ENTRY_BYTES));
+        Ok(match rows {
+            Some(rows) if whole(&rows) < all => {
+                *room -= held;
+                Stored::Small(Matrix { rows, small, camera: *task.camera })
+            }
+            _ => Stored::Never,
+        })
     }
 
     /// Does the work on a small film, and reckons what it would take on the whole.
@@ -196,7 +240,7 @@ impl Rehearsal {
         task: Task,
         work: Work,
         small: &Camera,
-        render: impl Fn(u32) -> Result<T, SceneError>,
+        render: impl Fn(&Camera, u32) -> Result<T, SceneError>,
     ) -> Result<T, SceneError> {
         let begun = Instant::now();
         let (width, height) = (task.camera.width, task.camera.height);
@@ -222,18 +266,22 @@ impl Rehearsal {
             }
             at
         };
-        if task.is_stored {
-            let found = render(FEW)?;
-            self.reckoning().beyond -= begun.elapsed().as_secs_f64();
-            return Ok(found);
-        }
         let is_known = self.reckoning().renderings[at].measured >= MEASURED;
         let (found, price) = if is_known {
-            (render(FEW)?, None)
+            (render(small, FEW)?, None)
         } else {
-            let few = timed(|| render(FEW))?.1;
-            let (found, many) = timed(|| render(MANY))?;
-            (found, Some(price(few, many, (small.width * small.height) as f64)))
+            let few = timed(|| render(small, FEW))?.1;
+            let (found, many) = timed(|| render(small, MANY))?;
+            let still = price(few, many, pixels(small));
+            let price = match task.smaller(small) {
+                Some(film) => {
+                    let narrow = timed(|| render(&film, MANY))?.1;
+                    price_of_moving(few, many, narrow, [pixels(small), pixels(&film)], task.slices(task.settings.spp))
+                        .unwrap_or(still)
+                }
+                None => still,
+            };
+            (found, Some(price))
         };
         let mut reckoning = self.reckoning();
         let rendering = &mut reckoning.renderings[at];
@@ -266,6 +314,29 @@ fn price(few: f64, many: f64, pixels: f64) -> (f64, f64) {
         true => (at_least, a_path),
         // Too little to be told apart: all of it is the paths'.
         false => (0.0, many / (pixels * f64::from(MANY))),
+    }
+}
+
+/// The same of a scene that is rendered as so many static ones, by the seconds of few and of many of these on a film of so many pixels, and of
+/// many on one of fewer. `None` if there is too little to be told apart.
+fn price_of_moving(few: f64, many: f64, narrow: f64, [pixels, fewer]: [f64; 2], slices: f64) -> Option<(f64, f64)> {
+    let a_path = (many - narrow) / (f64::from(MANY) * (pixels - fewer));
+    let a_slice = (many - few) / f64::from(MANY - FEW) - a_path * pixels;
+    let once = few - f64::from(FEW) * (a_slice + a_path * pixels);
+    (a_path > 0.0 && a_slice > 0.0).then_some((once.max(0.0) + a_slice * slices, a_path))
+}
+
+fn pixels(camera: &Camera) -> f64 {
+    (camera.width * camera.height) as f64
+}
+
+/// A camera with a film of so many pixels, if it has more. A part of a film stays what it is.
+fn shrunk(camera: &Camera, most: f64) -> Camera {
+    let scale = (most / pixels(camera)).sqrt();
+    let side = |n: usize| ((n as f64 * scale).round() as usize).max(1);
+    match scale < 1.0 && camera.crop.is_none() {
+        true => Camera { width: side(camera.width), height: side(camera.height), ..*camera },
+        false => *camera,
     }
 }
 
@@ -319,6 +390,16 @@ mod tests {
         // What did not take longer with more samples has no price below 0.
         assert_eq!(price(2.0, 1.0, 10.0), (0.0, 1.0 / 50.0));
         assert_eq!(price(0.0, 1.0, 10.0).0, 0.0);
+    }
+
+    #[test]
+    fn static_scenes_of_a_moving_one_have_a_price() {
+        // One tenth of a second once, 20 ms a static scene, 10 µs a path; a rendering of 16 samples is of 16 static scenes.
+        let taken = |pixels: f64, spp: f64| 0.1 + 0.02 * spp + 1e-5 * pixels * spp;
+        let found = price_of_moving(taken(4096.0, 1.0), taken(4096.0, 5.0), taken(1024.0, 5.0), [4096.0, 1024.0], 16.0);
+        let (at_least, a_path) = found.unwrap();
+        assert!((at_least - (0.1 + 16.0 * 0.02)).abs() < 1e-9 && (a_path - 1e-5).abs() < 1e-12);
+        assert_eq!(price_of_moving(1.0, 5.0, 6.0, [4096.0, 1024.0], 16.0), None);
     }
 
     #[test]

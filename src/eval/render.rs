@@ -23,7 +23,7 @@ use super::bodies::{self, Flaw};
 use super::dark::{self, Darkness};
 use super::facing::{self, Facing};
 use super::lower::{self, LowerError, Lowered};
-use super::rehearsal::{Rehearsal, Task};
+use super::rehearsal::{self, Matrix, Rehearsal, Task};
 use super::warnings::Warnings;
 use super::{Engine, Result, deps, error, history, mix};
 
@@ -73,15 +73,19 @@ struct RenderOp {
     fixed: OnceLock<Fixed>,
     /// Set if it is not rendered in full.
     rehearsal: Option<Arc<Rehearsal>>,
-    /// Whether the derivative would be stored by now, were it no rehearsal.
-    is_stored: AtomicBool,
 }
 
 /// A derivative in slots of these indices, all of whose products are with one matrix or its transpose.
 struct Fixed {
     slots: Vec<usize>,
     /// `None` if it is too large to be stored: then every product draws the same samples again.
-    rows: Option<Rows>,
+    rows: Option<Stored>,
+}
+
+enum Stored {
+    Whole(Rows),
+    /// In a rehearsal.
+    Small(Matrix),
 }
 
 impl RenderOp {
@@ -100,7 +104,6 @@ impl RenderOp {
             settings: &self.settings,
             stop: &self.stop,
             place: self.span,
-            is_stored: self.is_stored.load(Ordering::Relaxed),
         };
         Some((rehearsal, task))
     }
@@ -126,7 +129,10 @@ impl RenderOp {
                     None => direction.resize(direction.len() + inputs[k].len(), 0.0),
                 }
             }
-            return Ok(Tensor { shape: output.shape.clone(), data: rows.times(&direction) });
+            return Ok(match rows {
+                Stored::Whole(rows) => Tensor { shape: output.shape.clone(), data: rows.times(&direction) },
+                Stored::Small(matrix) => Tensor::from_image(&matrix.times(&direction)),
+            });
         }
         // All slots have a tangent, so that the samples are always those of all slots.
         let numbers = |(k, t): (usize, Option<&Tensor>)| t.map_or_else(|| vec![0.0; inputs[k].len()], Tensor::to_f32);
@@ -147,7 +153,8 @@ impl RenderOp {
         g: &Tensor,
     ) -> Result<Vec<Option<Tensor>>, String> {
         let found: Vec<f64> = match &fixed.rows {
-            Some(rows) => rows.transposed_times(&g.data),
+            Some(Stored::Whole(rows)) => rows.transposed_times(&g.data),
+            Some(Stored::Small(matrix)) => matrix.transposed_times(&adjoint_image(output, g)),
             None => {
                 self.draw(output);
                 let slots: Vec<Slot> = fixed.slots.iter().map(|k| self.slots[*k]).collect();
@@ -235,11 +242,17 @@ impl CustomOp for RenderOp {
         let wanted = self.wanted(wants);
         self.warn(&wanted);
         let (scene, settings) = (&self.scene.scene, &self.settings);
-        if let Some((rehearsal, task)) = self.rehearsed()
-            && rehearsal.matrix(task, &wanted, *room).map_err(|e| e.to_string())?
-        {
-            self.is_stored.store(*room > 0, Ordering::Relaxed);
-            return Ok(());
+        let slots = wants.iter().enumerate().filter(|(_, w)| **w).map(|(k, _)| k).collect();
+        if let Some((rehearsal, task)) = self.rehearsed() {
+            match rehearsal.matrix(task, &wanted, room).map_err(|e| e.to_string())? {
+                rehearsal::Stored::AsEver => {}
+                rehearsal::Stored::Never => return Ok(()),
+                rehearsal::Stored::Small(matrix) => {
+                    // What is fixed stays as it is, here and below.
+                    let _ = self.fixed.set(Fixed { slots, rows: Some(Stored::Small(matrix)) });
+                    return Ok(());
+                }
+            }
         }
         let rows = if *room > 0 {
             let pixels = (self.camera.width * self.camera.height) as u64;
@@ -250,9 +263,7 @@ impl CustomOp for RenderOp {
             None
         };
         *room -= rows.as_ref().map_or(0, Rows::len).min(*room);
-        let slots = wants.iter().enumerate().filter(|(_, w)| **w).map(|(k, _)| k).collect();
-        // What is fixed stays as it is.
-        let _ = self.fixed.set(Fixed { slots, rows });
+        let _ = self.fixed.set(Fixed { slots, rows: rows.map(Stored::Whole) });
         Ok(())
     }
 
@@ -429,14 +440,7 @@ impl Engine {
 
         let stop = self.options.interrupt.clone().unwrap_or_default();
         let failed = |engine: &Engine, e| engine.scene_error(LowerError::Scene(e), &scene, &origins, span);
-        let task = Task {
-            scene: &lowered.scene,
-            camera: &seen_by,
-            settings: &settings,
-            stop: &stop,
-            place: span,
-            is_stored: false,
-        };
+        let task = Task { scene: &lowered.scene, camera: &seen_by, settings: &settings, stop: &stop, place: span };
         let mut image = self.image(task, is_live).map_err(|e| failed(self, e))?;
         stop::check();
         if settings.output == Output::Radiance {
@@ -480,7 +484,6 @@ impl Engine {
             drawn,
             fixed,
             rehearsal,
-            is_stored: AtomicBool::new(false),
         };
         (0..images).for_each(|_| op.draw(&value));
         let value = Value::Image(Var::custom(Arc::new(op), inputs, value));

@@ -372,12 +372,14 @@ pub fn difference(
 ) -> Measured {
     let scenes = Scenes::new(build, plan);
     let drawn = |seeds| statistics(&finite_differences(build, plan, seeds));
+    let kept = if kept::draws_all() { None } else { kept::difference(name, &scenes.text()) };
     if long() {
-        let found = drawn(seeds.clone());
+        let some = if kept.is_some() { (seeds.end / 4).max(8).min(seeds.end) } else { seeds.end };
+        let found = drawn(seeds.start..some);
         kept::record_or_compare(name, &scenes.text(), found, || drawn(2_000_000..2_000_000 + 2 * seeds.end));
-        return found;
+        return kept.unwrap_or(found);
     }
-    kept::difference(name, &scenes.text()).unwrap_or_else(|| drawn(seeds))
+    kept.unwrap_or_else(|| drawn(seeds))
 }
 
 fn central_differences(
@@ -429,10 +431,13 @@ pub fn agree(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camera), plan
     } else {
         None
     };
-    let mut found = compare(name, build, &plan, if more > 1 { plan.seeds } else { 8 }, kept);
+    // A check of one that is kept says enough from half of the samples.
+    let fd_spp = if kept.is_some() { (plan.fd_spp / 2).max(16) } else { plan.fd_spp };
+    let mut found = compare(name, build, &Plan { fd_spp, ..plan }, if more > 1 { plan.seeds } else { 8 }, kept);
     if found.z().abs() >= DOUBT {
         let afresh = Plan { seeds: 4 * plan.seeds, fd_seeds: 4 * plan.fd_seeds, from: 1_000_000, ..plan };
-        found = compare(name, build, &afresh, 32, None);
+        // Those that are kept held when they were recorded, from more samples than these.
+        found = compare(name, build, &afresh, 32, if long() { None } else { kept });
     }
     if long() && is_as_recorded {
         let more = || statistics(&finite_differences(build, &plan, 2_000_000..2_000_000 + plan.fd_seeds.max(32)));
@@ -443,9 +448,20 @@ pub fn agree(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camera), plan
     assert!(relative < enough(), "{name}: combined error {:.2} % says nothing", 100.0 * relative);
 }
 
+/// [`agree`], or one of those below.
+pub type Compare = fn(&str, &dyn Fn(f32) -> (SceneDescription, Camera), &Plan);
+
 /// [`agree`], in the long statistics only: for a costly variant of a row that is compared anyway.
 pub fn agree_in_long(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: &Plan) {
     if long() {
+        agree(name, build, plan);
+    }
+}
+
+/// [`agree`], where all is drawn (`DSCENE_TRUTH=2`): for a row that takes minutes to say something at three percent, and whose like is compared
+/// in less.
+pub fn agree_in_finest(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: &Plan) {
+    if kept::draws_all() {
         agree(name, build, plan);
     }
 }

@@ -103,6 +103,29 @@ fn an_estimate_counts_what_a_run_draws() {
     }
 }
 
+/// A derivative that is stored as a matrix is drawn once a step, and its products with directions are not rendered.
+#[test]
+fn an_estimate_stores_what_a_run_stores() {
+    let place = Place::new();
+    let script = "\
+camera eye { position: [0, 3, 0.1], look_at: [0, 0, 0], fov: 30deg, film: [96, 96] }
+light sky = constant(1)
+param texels = [[[0.5, 0.5, 0.5] for j in 0..16] for i in 0..16] in 0..1
+shape plate { mesh: rectangle(), material: diffuse(reflectance: texture(texels)) }
+let target = render(eye, spp: 64) with { texels: [[[0.2, 0.4, 0.6] for j in 0..16] for i in 0..16] }
+loss fit = mse(render(eye, spp: 16), target)
+optimize fit { using: levenberg_marquardt(), steps: 3 }
+";
+    let estimate = estimated(&place, script);
+    let renderings = estimate["actions"][0]["renderings"].as_array().unwrap();
+    let mut kinds: Vec<&str> = renderings.iter().map(|r| r["what"].as_str().unwrap()).collect();
+    kinds.sort_unstable();
+    kinds.dedup();
+    assert_eq!(kinds, ["image", "matrix"], "{estimate}");
+    let bytes = estimate["bytes"].as_f64().unwrap();
+    assert!(bytes > 16.0 * 96.0 * 96.0 * 3.0, "{estimate}");
+}
+
 #[test]
 fn what_fails_has_no_estimate() {
     let place = Place::new();

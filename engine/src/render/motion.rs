@@ -46,6 +46,12 @@ impl Scene {
         !(self.description.motions.is_empty() && self.description.light_motions.is_empty())
     }
 
+    /// How many static scenes the image of a camera is the mean of, with so many samples a pixel.
+    pub fn slice_count(&self, camera: &Camera, spp: u32) -> u32 {
+        let [open, close] = camera.shutter;
+        if self.moves_for(camera) && open < close { spp.clamp(1, MOST_SLICES) } else { 1 }
+    }
+
     /// The static scene at a time: moves `before`, an earlier one, or makes a new one.
     fn still(&self, time: f32, before: Option<Scene>) -> Result<Scene, SceneError> {
         let lerp =
@@ -93,7 +99,7 @@ impl Scene {
     ) -> Result<(), SceneError> {
         let [open, close] = camera.shutter;
         let spp = settings.spp.max(1);
-        let count = if open < close { spp.min(MOST_SLICES) } else { 1 };
+        let count = self.slice_count(camera, spp);
         let seed = hash(hash(settings.seed, 0x0073_6875_7474_6572), what);
         let mut still = None;
         for i in 0..count {
