@@ -85,6 +85,22 @@ fn survives_script(script: &str, steps: usize, moments: &[usize]) {
     }
 }
 
+/// A run that was killed before a checkpoint had anything: its log says what it found.
+#[test]
+fn what_a_run_without_a_checkpoint_found_is_in_its_log() {
+    let place = Place::new();
+    let script = "param x = 3\nloss far = (x - 1) ^ 2\noptimize far { using: sgd(lr: 1e-4), steps: 1000000 }\n";
+    place.write("a.dscene", script);
+    let mut child = place.start(&["run", "a.dscene", "--out", "r", "--checkpoint", "900000"]);
+    assert!(stop_after(&place, &mut child, "r", 20, "-KILL"));
+    let found = place.dsl(&["export", "r"]);
+    assert_code(&found, 0);
+    assert!(stderr(&found).contains("no checkpoint has what the run found"), "{}", stderr(&found));
+    let params: Value = serde_json::from_str(&stdout(&found)).unwrap();
+    let x = params["x"].as_f64().unwrap();
+    assert!(1.0 < x && x < 3.0 - 19.0 * 3.9e-4, "{x}");
+}
+
 #[test]
 fn all_that_steps_leave_for_one_another_is_kept() {
     let stages = "stage coarse { steps: 6, film_scale: 0.5, blur: fade(2), control_variates: true }

@@ -395,6 +395,8 @@ impl Checker<'_> {
     }
 
     pub(super) fn range(&mut self, start: &ast::Expr, end: &ast::Expr, inclusive: bool, span: Span) -> Typed {
+        // An end may be computed as half of a length is.
+        let ends_as_written = matches!(end.kind, ast::ExprKind::Number { .. });
         let (start, end) = (self.expr(start, None), self.expr(end, None));
         for side in [&start, &end] {
             if !side.expr.ty.is_unknown() && !side.expr.ty.is_scalar() {
@@ -405,7 +407,19 @@ impl Checker<'_> {
             }
         }
         let number = |t: &Typed| t.value.as_ref().and_then(Const::number);
-        let count = match (number(&start), number(&end)) {
+        let ends = (number(&start), number(&end));
+        let fraction = [(&start, ends.0, true), (&end, ends.1, ends_as_written)]
+            .into_iter()
+            .find(|(_, x, counts)| *counts && x.is_some_and(|x| x.fract() != 0.0));
+        if let Some((side, Some(x), _)) = fraction {
+            let [from, to] = [&start, &end].map(|side| self.sources.text(side.expr.span));
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::mismatch", "a range goes from one whole number to another")
+                    .label(side.expr.span, format!("this is {x}"))
+                    .help(format!("numbers between two others are `linspace({from}, {to}, 5)`")),
+            );
+        }
+        let count = match ends {
             (Some(a), Some(b)) if (b - a) < 1e9 => {
                 Some(((b - a).ceil().max(0.0)) as usize + usize::from(inclusive && b >= a))
             }

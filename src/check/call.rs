@@ -139,6 +139,7 @@ impl Checker<'_> {
         let args = self.match_arguments(&signature, given, site, id);
         let mut found: Vec<Option<Typed>> = Vec::new();
         let mut bound: Vec<(char, usize, Ty)> = Vec::new();
+        let mut wrong: Vec<(usize, bool, Typed)> = Vec::new();
         for (i, arg) in args.iter().enumerate() {
             let Some(given) = arg.map(|a| &given[a]) else {
                 found.push(None);
@@ -152,11 +153,12 @@ impl Checker<'_> {
                 self.check_count(sig, &signature.params[i].name, &arg.expr);
                 self.coerce(sig, arg)
             } else {
-                self.report_argument(sig, &signature.params[i].name, &arg, site);
+                wrong.push((i, given.name.is_none(), arg.clone()));
                 Typed { expr: hir::Expr { ty: Ty::Error, ..arg.expr }, value: None }
             };
             found.push(Some(arg));
         }
+        self.report_arguments(&signature, &wrong, site);
         if self.slot(id).state == State::Busy {
             return broken(span);
         }
@@ -398,6 +400,32 @@ impl Checker<'_> {
             "both must have the same shape"
         };
         self.diagnostics.push(diagnostic.help(help));
+    }
+
+    /// Arguments of types that their parameters do not take, and whether they have no name: two neighbours may stand in each other's place.
+    fn report_arguments(&mut self, signature: &Signature, wrong: &[(usize, bool, Typed)], site: Site) {
+        let takes = |param: usize, arg: &Typed| signature.params[param].sig.accepts(&arg.expr.ty, arg.value.as_ref());
+        if let [(i, true, first), (j, true, second)] = wrong
+            && *j == i + 1
+            && (takes(*j, first) && takes(*i, second))
+            && first.expr.span.source == second.expr.span.source
+            && first.expr.span.end < second.expr.span.start
+        {
+            let [a, b] = [first, second].map(|arg| self.sources.text(arg.expr.span));
+            let names = [i, j].map(|k| &signature.params[*k].name);
+            let told = Diagnostic::error(
+                "dscene::type::mismatch",
+                format!("two arguments of `{}` stand in each other's place", site.name),
+            )
+            .label(first.expr.span.to(second.expr.span), format!("`{}` comes before `{}`", names[0], names[1]))
+            .help(format!("write `{b}, {a}`"));
+            self.diagnostics.push(told);
+            return;
+        }
+        for (i, _, arg) in wrong {
+            let param = &signature.params[*i];
+            self.report_argument(&param.sig, &param.name, arg, site);
+        }
     }
 
     pub fn report_argument(&mut self, sig: &Sig, param: &str, arg: &Typed, site: Site) {

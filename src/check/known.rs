@@ -39,6 +39,11 @@ fn other_reader(callee: &str, path: &str) -> Option<(&'static str, &'static str)
         "load_image" if is(&crate::mesh::load::EXTENSIONS) => Some(("a mesh", "load")),
         "load_image" | "texture" | "environment" if is(&["ies"]) => Some(("the profile of a light", "load_profile")),
         "load_profile" if is(&crate::image::file::READABLE) => Some(("an image", "load_image")),
+        // Some give other endings to tables, arrays and JSON, and few of these.
+        "load_json" | "load_table" | "load_array" => {
+            let (kind, reader) = super::other_files::data_kind(&ending)?;
+            (reader != callee).then_some((kind, reader))
+        }
         _ => None,
     }
 }
@@ -91,6 +96,9 @@ impl Checker<'_> {
         if let Some((kind, reader)) = other_reader(callee, path) {
             let wanted = match callee {
                 "load_profile" => "photometric files",
+                "load_json" => "JSON",
+                "load_table" => "tables of text",
+                "load_array" => "arrays of NumPy",
                 "load_image" | "texture" | "environment" => "an image",
                 _ => "a mesh",
             };

@@ -80,7 +80,7 @@ impl Loader for Disk {
         // A byte order mark, which some editors write, is not part of the text.
         let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes);
         let text = std::str::from_utf8(bytes).map_err(|e| io::Error::new(io::ErrorKind::InvalidData, e.to_string()))?;
-        Ok(text.to_owned())
+        Ok(with_line_ends(text))
     }
 
     fn exists(&self, path: &Path) -> bool {
@@ -88,6 +88,11 @@ impl Loader for Disk {
         crate::files::note_input(path);
         crate::files::exists(path)
     }
+}
+
+/// A text whose lines end as those of old Macintosh computers do, with line ends of today: to the end of a comment all would be one line.
+pub fn with_line_ends(text: &str) -> String {
+    if text.contains('\n') { text.to_owned() } else { text.replace('\r', "\n") }
 }
 
 /// The result of checking: the program if there are no errors, all diagnostics in source order, and the sources that they refer to.

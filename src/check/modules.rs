@@ -440,7 +440,14 @@ impl<'l> Checker<'l> {
         };
         self.modules[module].imported.push(target);
         if let Some(alias) = &import.alias {
-            self.modules[module].aliases.insert(alias.text.clone(), target);
+            let before = self.modules[module].aliases.insert(alias.text.clone(), target);
+            if before.is_some_and(|before| before != target) {
+                self.diagnostics.push(
+                    Diagnostic::error("dscene::name::duplicate", format!("two imports are called `{}`", alias.text))
+                        .label(alias.span, "again here")
+                        .help(format!("call one of them otherwise: `as {}_2`", alias.text)),
+                );
+            }
             return;
         }
         for id in self.modules[target].own.clone() {

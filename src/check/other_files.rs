@@ -15,14 +15,9 @@ pub fn no_script(path: &Path) -> Option<Diagnostic> {
 /// What a file is that is no script, and what is to be written in place of its name.
 pub fn kind_and_help(name: &str) -> Option<(&'static str, String)> {
     let ending = Path::new(name).extension()?.to_str()?.to_lowercase();
-    let is = |endings: &[&str]| endings.contains(&ending.as_str());
     let read_by = |native: &str| format!("a script reads it: `{native}(\"{name}\")`");
     Some(match ending.as_str() {
         "gltf" | "glb" => ("a scene in glTF", read_by("load_shapes")),
-        "json" => ("a file of data", read_by("load_json")),
-        "csv" | "tsv" => ("a table", read_by("load_table")),
-        "npy" => ("an array", read_by("load_array")),
-        "ies" => ("the profile of a light", read_by("load_profile")),
         "py" => {
             ("a program in Python", format!("it is run by `python {name}`, in which the package `dscene` runs scripts"))
         }
@@ -38,8 +33,19 @@ pub fn kind_and_help(name: &str) -> Option<(&'static str, String)> {
             let help = format!("export it as glTF, which a script reads: `load_shapes(\"{}\")`", glb.display());
             ("a scene of another program", help)
         }
-        _ if is(&crate::mesh::load::EXTENSIONS) => ("a mesh", read_by("load")),
-        _ if is(&crate::image::file::READABLE) => ("an image", read_by("load_image")),
+        _ => data_kind(&ending).map(|(kind, native)| (kind, read_by(native)))?,
+    })
+}
+
+/// What a file of numbers, a mesh or an image is, by its ending in lower case, and the native that reads it.
+pub fn data_kind(ending: &str) -> Option<(&'static str, &'static str)> {
+    Some(match ending {
+        "json" => ("a file of data", "load_json"),
+        "csv" | "tsv" => ("a table", "load_table"),
+        "npy" => ("an array", "load_array"),
+        "ies" => ("the profile of a light", "load_profile"),
+        _ if crate::mesh::load::EXTENSIONS.contains(&ending) => ("a mesh", "load"),
+        _ if crate::image::file::READABLE.contains(&ending) => ("an image", "load_image"),
         _ => return None,
     })
 }

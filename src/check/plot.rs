@@ -47,8 +47,11 @@ impl Checker<'_> {
             ),
             Some(shape) if shape.len() <= 2 => {}
             _ => {
-                let help =
-                    matches!(value.ty, Ty::Image { .. }).then_some("an image is saved: `save EXPR to \"image.png\"`");
+                let help = match value.ty {
+                    Ty::Image { .. } => Some("an image is saved: `save EXPR to \"image.png\"`"),
+                    Ty::Str => Some("a file is named behind `to`: `plot EXPR to \"curve.png\"`"),
+                    _ => None,
+                };
                 self.diagnostics.push(
                     Diagnostic::error("dscene::type::mismatch", format!("{} cannot be plotted", value.ty.a()))
                         .label(value.span, format!("this is `{}`", value.ty))

@@ -70,7 +70,7 @@ fn plain(told: Diagnostic) -> Told {
 fn export(args: &ExportArgs, terminal: &mut Terminal) -> Result<(), Told> {
     let checkpoint = Checkpoint::read(&args.run).map_err(plain)?;
     let mut engine = None;
-    let params = match args.step {
+    let params = match args.step.or(last_step(&args.run, &checkpoint, terminal).map_err(plain)?) {
         None => checkpoint.state().params(),
         Some(step) => at_step(&args.run, &checkpoint, step, &mut engine, terminal)?,
     };
@@ -103,6 +103,18 @@ fn export(args: &ExportArgs, terminal: &mut Terminal) -> Result<(), Told> {
             meshes(args, &mut engine, ending, terminal)
         }
     }
+}
+
+/// The last step of the log of a run that was killed before a checkpoint had what it found.
+fn last_step(run: &Path, checkpoint: &Checkpoint, terminal: &mut Terminal) -> Result<Option<u64>, Diagnostic> {
+    if !checkpoint.state().moved.is_empty() {
+        return Ok(None);
+    }
+    let last = Step::all(run)?.last().map(|line| line.step);
+    if let Some(step) = last {
+        terminal.note(&format!("no checkpoint has what the run found: these are the params of its step {step}"));
+    }
+    Ok(last)
 }
 
 // ---- where it goes -------------------------------------------------------------------------------------------------

@@ -103,6 +103,10 @@ impl Living {
 
 /// Gives a param a value of its shape. What is out of its bounds is refused.
 pub fn set_param(engine: &mut Engine, id: DeclId, value: Tensor) -> Result<(), Diagnostic> {
+    if !value.is_finite() {
+        let message = format!("`{}` would not be finite", engine.program().decl(id).name);
+        return Err(Diagnostic::error("dscene::run::value", message));
+    }
     let info = engine.param_info(id)?;
     if let Some(bounds) = info.bounds
         && value.data.iter().zip(bounds.0.data.iter().zip(&bounds.1.data)).any(|(x, (lo, hi))| !(lo..=hi).contains(&x))

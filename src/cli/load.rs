@@ -82,7 +82,8 @@ pub fn read_stdin() -> Result<String, Diagnostic> {
         std::io::stdin().read_to_end(&mut bytes).map(|_| bytes)
     };
     let bytes = ranks::read_by_first(Path::new(STDIN), read);
-    bytes.and_then(|bytes| String::from_utf8(bytes).map_err(io::Error::other)).map_err(|error| {
+    let text = bytes.and_then(|bytes| String::from_utf8(bytes).map_err(io::Error::other));
+    text.map(|text| check::with_line_ends(&text)).map_err(|error| {
         let message = format!("cannot read standard input: {}", crate::files::describe_io(&error));
         Diagnostic::error("dscene::file::unreadable", message)
     })

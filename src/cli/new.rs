@@ -4,7 +4,10 @@ use std::fs;
 use std::io;
 use std::path::Path;
 
+use serde_json::json;
+
 use super::args::NewArgs;
+use super::out::typed;
 use super::{EXIT_WRONG, Terminal, out};
 use crate::diag::Diagnostic;
 use crate::files::{describe_io, write_atomically};
@@ -25,7 +28,15 @@ pub fn run(args: &NewArgs) -> u8 {
         Ok(()) => {
             let script = args.folder.join("main.dscene");
             let files = FILES.map(|(path, _)| path).join(", ");
-            out::line(&format!("{}: {files}\nnext: dsl run {}", args.folder.display(), script.display()));
+            let next = format!("dsl run {}", typed(&script));
+            if args.common.json {
+                let paths = FILES.map(|(path, _)| path);
+                out::line(
+                    &json!({ "folder": args.folder.display().to_string(), "files": paths, "next": next }).to_string(),
+                );
+            } else {
+                out::line(&format!("{}: {files}\nnext: {next}", args.folder.display()));
+            }
             0
         }
         Err(diagnostic) => {

@@ -1,6 +1,7 @@
 //! Standard output and error that survive a closed pipe (`dsl … | head`), above the progress bars.
 
 use std::io::{self, IsTerminal, Write};
+use std::path::Path;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -33,6 +34,17 @@ fn print_here(text: &str) {
             });
         }
         CLOSED.store(true, Ordering::Relaxed);
+    }
+}
+
+/// A path as it is typed into a shell: in quotes where it has more than letters, digits and the usual signs.
+pub fn typed(path: &Path) -> String {
+    let text = path.display().to_string();
+    let text = if text.starts_with('-') { format!("./{text}") } else { text };
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || "_./-+,:=@%".contains(c);
+    match !text.is_empty() && text.chars().all(is_plain) {
+        true => text,
+        false => format!("'{}'", text.replace('\'', "'\\''")),
     }
 }
 

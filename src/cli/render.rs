@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use serde_json::json;
 
 use super::args::RenderArgs;
+use super::run::name_of;
 use super::{EXIT_INTERRUPTED, EXIT_WRONG, Terminal, load, out};
 use crate::check::hir::{self, DeclKind};
 use crate::diag::{self, Diagnostic};
@@ -75,10 +76,7 @@ pub fn run(args: &RenderArgs) -> u8 {
 
 /// The `-o` file (below `--out` if that is given), by default the script's name with `.exr`.
 fn output(args: &RenderArgs) -> Result<PathBuf, Diagnostic> {
-    let file = args.output.clone().unwrap_or_else(|| {
-        let stem = args.file.file_stem().unwrap_or_else(|| "out".as_ref());
-        Path::new(stem).with_extension("exr")
-    });
+    let file = args.output.clone().unwrap_or_else(|| format!("{}.exr", name_of(&args.file)).into());
     in_folder(args.common.out.as_deref(), &file)
 }
 

@@ -9,6 +9,7 @@ use serde_json::json;
 use super::args::{Common, PICTURE_SPP, RunArgs};
 use super::live::Live;
 use super::load::STDIN;
+use super::out::typed;
 use super::script::script_of_report;
 use super::timings::Timings;
 use super::together::refused_sweep;
@@ -113,7 +114,8 @@ fn run_script(args: &RunArgs, terminal: &mut Terminal) -> u8 {
     };
     let writing = Stopwatch::start();
     let page = write_report(&mut loaded, &common, &folder, terminal);
-    tell_timings(args, [check, writing.elapsed().wall], &timings, &loaded, terminal);
+    let told = tell_timings(args, [check, writing.elapsed().wall], &timings, &loaded, terminal);
+    let code = if told || code != 0 { code } else { EXIT_WRONG };
     conclude(args, &report, &path, code, watch.elapsed().wall, terminal);
     if let Some(page) = page {
         terminal.note(&format!("report: {}", page.display()));
@@ -143,21 +145,20 @@ fn run_as_sweep(args: &RunArgs, loaded: Loaded, terminal: &mut Terminal) -> u8 {
     }
 }
 
-/// Where the time went, if that is asked for; `check` and `report` are what came before and after the actions.
+/// Where the time went, if that is asked for; `check` and `report` are what came before and after the actions. Whether it could be told.
 fn tell_timings(
     args: &RunArgs,
     [check, report]: [f64; 2],
     actions: &[Timed],
     loaded: &Loaded,
     terminal: &mut Terminal,
-) {
-    let Some(file) = &args.timings else { return };
+) -> bool {
+    let Some(file) = &args.timings else { return true };
     let sources = &loaded.engine.program().sources;
     let timings = Timings { check, actions, report, sources };
     timings.tell(args.common.json);
-    if let Some(Err(diagnostic)) = file.as_deref().map(|file| timings.write(file)) {
-        terminal.diagnostic(&diagnostic, sources);
-    }
+    let written = file.as_deref().map_or(Ok(()), |file| timings.write(file));
+    written.map_err(|diagnostic| terminal.diagnostic(&diagnostic, sources)).is_ok()
 }
 
 /// What became of the run, on a line.
@@ -188,7 +189,11 @@ fn conclude(args: &RunArgs, report: &RunReport, path: &Path, code: u8, seconds: 
     let how = if report.interrupted { "interrupted: " } else { "" };
     terminal.note(&format!("{how}{} in {}{expects}{skipped}{ended}", path.display(), human_seconds(seconds)));
     if report.interrupted {
-        terminal.note(&format!("it goes on with `dsl run {} --resume {}`", args.file.display(), path.display()));
+        let note = match args.file == Path::new(STDIN) {
+            true => "a script from standard input does not go on: write it to a file".to_owned(),
+            false => format!("it goes on with `dsl run {} --resume {}`", typed(&args.file), typed(path)),
+        };
+        terminal.note(&note);
     }
 }
 

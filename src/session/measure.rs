@@ -234,7 +234,19 @@ impl Measurement {
         };
         let angles: Vec<&str> = self.wrt.iter().filter(|p| p.is_angle).map(|p| p.name.as_str()).collect();
         let per = if angles.is_empty() { String::new() } else { format!("\nper radian: {}", angles.join(", ")) };
-        format!("{of} = {}   ({repeats})\n\n{}{per}", plus_minus(mean, error), gradient_table(&rows))
+        let is_doubtful = |f: &Figures| {
+            let Some((difference, errors)) = &f.difference else { return false };
+            let sides = f.param.gradient.mean().iter().zip(&f.error).zip(difference.iter().zip(errors));
+            sides.into_iter().any(|((g, e), (d, of_d))| (g - d).abs() > 3.0 * e.hypot(*of_d))
+        };
+        let doubt = match figures.iter().any(is_doubtful) && self.repeats > 1 {
+            true => {
+                "\nz beyond 3: a term is missing, the step is too long, or the loss squares noise, whose variance differences \
+                 feel and gradients do not (more samples make that small)"
+            }
+            false => "",
+        };
+        format!("{of} = {}   ({repeats})\n\n{}{per}{doubt}", plus_minus(mean, error), gradient_table(&rows))
     }
 }
 

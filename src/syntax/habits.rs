@@ -435,17 +435,21 @@ impl<'a> Stop<'a> {
             let help = format!("write `expect {condition}, {}`", rest.trim_end());
             return habit(self.at, self.at + 1, "expected `,`, but found a string", "expected `,`", help);
         }
-        if rest.starts_with('"')
+        let (comma, path) = match rest.strip_prefix(',') {
+            Some(path) => (true, path.trim_start()),
+            None => (false, rest),
+        };
+        if path.starts_with('"')
             && self.text.trim_start().starts_with("save")
             && open_bracket(self.text, self.at).is_none()
         {
-            let value = self.text.trim_start().get(4..)?.trim_start();
-            let value = operand_after(value, 0);
-            let string = operand_after(self.text, self.at);
+            let value = self.before().trim_start().get(4..)?.trim();
+            let string = operand_after(path, 0);
+            let found = if comma { "`,`" } else { "a string" };
             return habit(
                 self.at,
                 self.at + 1,
-                "expected `to`, but found a string",
+                format!("expected `to`, but found {found}"),
                 "expected `to`",
                 format!("write `save {value} to {string}`"),
             );
@@ -487,13 +491,16 @@ impl<'a> Stop<'a> {
         let is_point =
             self.text.as_bytes().get(point) == Some(&b'.') && self.text.as_bytes().get(point + 1) != Some(&b'.');
         if is_point && !number.is_empty() && number.bytes().all(|b| b.is_ascii_digit()) {
-            let start = point - number.len();
+            // There may be blanks before the point.
+            let start = self.text[..point].trim_end().len() - number.len();
+            let fraction = digits(self.text.get(point + 1..).unwrap_or(""));
+            let fraction = if fraction.is_empty() { "0" } else { fraction };
             return habit(
                 start,
                 point + 1,
                 "a point stands between digits",
                 "not a number",
-                format!("write `{number}.0`"),
+                format!("write `{number}.{fraction}`"),
             );
         }
         None

@@ -32,7 +32,7 @@ pub struct Piece {
 }
 
 pub struct Scan {
-    /// The text with comments (and nothing else) turned to blanks, byte for byte.
+    /// The text with comments (and what cannot be seen) turned to blanks and letters that no name has to `_`, byte for byte.
     pub text: String,
     pub pieces: Vec<Piece>,
     /// Where comments stand; a line comment without the end of its line.
@@ -65,11 +65,13 @@ pub fn scan(source: SourceId, text: &str) -> Scan {
         comments: Vec::new(),
         docs: Vec::new(),
         marks: Vec::new(),
+        letters: Vec::new(),
+        foreign: Vec::new(),
         has_control: false,
         diagnostics: Vec::new(),
     };
     lexer.run();
-    let Lexer { tokens, comments, docs, marks, mut diagnostics, .. } = lexer;
+    let Lexer { tokens, comments, docs, marks, letters, mut diagnostics, .. } = lexer;
     let mut blanked = text.as_bytes().to_vec();
     for &(start, end) in comments.iter().chain(&marks) {
         for byte in &mut blanked[start..end] {
@@ -78,6 +80,7 @@ pub fn scan(source: SourceId, text: &str) -> Scan {
             }
         }
     }
+    letters.iter().for_each(|&(start, end)| blanked[start..end].fill(b'_'));
     let text_out = String::from_utf8(blanked).unwrap_or_else(|_| text.to_owned());
     let mut pieces = split(source, text, &tokens, &mut diagnostics);
     attach_docs(&mut pieces, &docs);
@@ -160,9 +163,13 @@ struct Lexer<'a> {
     tokens: Vec<Token>,
     comments: Vec<(usize, usize)>,
     docs: Vec<(usize, usize, String)>,
-    /// Byte order marks, which stand for nothing, wherever they are.
+    /// Byte order marks, which stand for nothing, wherever they are, and blanks of other kinds.
     marks: Vec<(usize, usize)>,
-    /// Whether a control character was found.
+    /// Letters of names that no name has.
+    letters: Vec<(usize, usize)>,
+    /// The words in which they stand.
+    foreign: Vec<&'a str>,
+    /// Whether a character that nobody sees was found.
     has_control: bool,
     diagnostics: Vec<Diagnostic>,
 }
@@ -202,14 +209,49 @@ impl Lexer<'_> {
                     self.at += '\u{feff}'.len_utf8();
                     self.marks.push((start, self.at));
                 }
-                _ => {
-                    self.at += 1;
-                    while !self.text.is_char_boundary(self.at) {
-                        self.at += 1;
-                    }
-                    self.push(TokenKind::Other, start);
-                }
+                _ => self.foreign_character(),
             }
+        }
+    }
+
+    /// A character beyond ASCII: a letter, a blank that looks like the usual one, or a sign.
+    fn foreign_character(&mut self) {
+        let start = self.at;
+        let Some(character) = self.text[start..].chars().next() else { return };
+        self.at += character.len_utf8();
+        let is_blank = character.is_whitespace();
+        if is_blank || matches!(character, '\u{200b}'..='\u{200f}' | '\u{2060}' | '\u{ad}') {
+            let what = if is_blank { "a blank that is none of the language's" } else { "a character that nobody sees" };
+            let help = if is_blank { "type a blank in its place" } else { "delete it" };
+            self.unseen(start, what, help);
+            self.marks.push((start, self.at));
+        } else if character.is_alphabetic() {
+            self.foreign_letter(start);
+        } else {
+            self.push(TokenKind::Other, start);
+        }
+    }
+
+    /// Names have the letters of English. One that has others is told once, and read as a name all the same.
+    fn foreign_letter(&mut self, start: usize) {
+        let before = self.tokens.pop_if(|token| token.kind == TokenKind::Word && token.end == start);
+        let first = before.map_or(start, |token| token.start);
+        let is_letter = |c: char| c.is_alphanumeric() || c == '_';
+        let rest = &self.text[first..];
+        let word = &rest[..rest.find(|c| !is_letter(c)).unwrap_or(rest.len())];
+        self.at = first + word.len();
+        self.push(TokenKind::Word, first);
+        self.letters.extend(word.char_indices().filter(|(_, c)| !c.is_ascii()).map(|(i, c)| {
+            let at = first + i;
+            (at, at + c.len_utf8())
+        }));
+        if !self.foreign.iter().any(|known| *known == word) {
+            self.foreign.push(word);
+            self.diagnostics.push(
+                Diagnostic::error("dscene::syntax::unexpected", format!("`{word}` is not spelt as names are"))
+                    .label(Span::new(self.source, first, self.at), "has a letter that no name has")
+                    .help("names have the letters `a` to `z` and `A` to `Z`, digits and `_`"),
+            );
         }
     }
 
@@ -255,12 +297,18 @@ impl Lexer<'_> {
     fn control_character(&mut self) {
         let start = self.at;
         self.at += 1;
+        self.unseen(start, "a character that nobody sees", "delete it; in a text it is written `\\u{…}`");
+    }
+
+    /// A character between `start` and here that a reader cannot tell from a blank or from nothing.
+    fn unseen(&mut self, start: usize, what: &str, help: &str) {
         if !std::mem::replace(&mut self.has_control, true) {
-            let code = u32::from(self.bytes[start]);
+            let character = self.text[start..self.at].chars().next().map_or(0, u32::from);
+            let kind = if character < 0x80 { "the control character" } else { "the character" };
             self.diagnostics.push(
-                Diagnostic::error("dscene::syntax::unexpected", "a character that nobody sees stands here")
-                    .label(Span::new(self.source, start, self.at), format!("the control character U+{code:04X}"))
-                    .help("delete it; in a text it is written `\\u{…}`"),
+                Diagnostic::error("dscene::syntax::unexpected", format!("{what} stands here"))
+                    .label(Span::new(self.source, start, self.at), format!("{kind} U+{character:04X}"))
+                    .help(help),
             );
         }
     }

@@ -365,7 +365,7 @@ impl Row {
         let least = 8.0;
         let plan =
             Plan { h: 0.004, spp: 128, fd_spp: 2048, max_bounces: 5, least, method: Method::Light, ..Plan::default() };
-        let slow = matches!(self.moves, Moves::Lamp | Moves::Eye);
+        let slow = matches!((self.moves, self.view), (Moves::Lamp | Moves::Eye, _) | (Moves::Sight, View::Facets));
         let agree = if slow { agree_in_long } else { agree };
         agree(&format!("Caustics {self:?}"), &|t| self.build(t), &plan);
     }

@@ -268,7 +268,7 @@ impl Row {
         let max_bounces = if matches!(self.view, View::Screen | View::Gloss) { 3 } else { 5 };
         let plan = Plan { h, spp: 64, fd_spp: 1024, max_bounces, least, ..Plan::default() };
         // What is scattered little is noisy where it matters little.
-        let is_lost_in_noise = self.view == View::Gloss && self.moves == Moves::Index;
+        let is_lost_in_noise = matches!(self.view, View::Gloss | View::Tank) && self.moves == Moves::Index;
         let quick = self.view == View::Screen || self.roughness > 0.5 || self.moves == Moves::Behind;
         let quick = quick && !is_lost_in_noise;
         let agree = if quick { agree } else { agree_in_long };

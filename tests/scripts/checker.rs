@@ -501,3 +501,66 @@ fn what_fails_inside_the_library_is_shown_at_the_call() {
         assert_eq!(sources.text(label.span), "mse(a, b)");
     }
 }
+
+/// What looks like a blank, or like nothing, is told; so is a name with other letters than names have, once for all its places.
+#[test]
+fn characters_beyond_ascii_are_told_by_what_they_are() {
+    for (text, message, label) in [
+        ("let a = 1\nprint a\u{a0}+ 1", "a blank that is none of the language's stands here", "U+00A0"),
+        ("let\u{2003}a = 1", "a blank that is none of the language's stands here", "U+2003"),
+        ("let a\u{200b} = 1", "a character that nobody sees stands here", "U+200B"),
+        ("let größe = 2\nlet b = größe + 1\nprint größe, b", "`größe` is not spelt as names are", "a letter"),
+        ("let ä = 2\nprint ä", "`ä` is not spelt as names are", "a letter"),
+        ("camera kamera_über { position: [0, 1, 4], look_at: [0, 0, 0], fov: 40deg }", "`kamera_über`", "a letter"),
+    ] {
+        let found = errors(text);
+        let [one] = &found[..] else { panic!("{text:?}: {found:#?}") };
+        assert!(one.message.contains(message) && one.labels[0].text.contains(label), "{text:?}: {one:#?}");
+    }
+    // In texts and comments all stand as they like.
+    assert!(errors("// größe\nprint \"größe\u{a0}π\"").is_empty());
+}
+
+/// Halves of whole numbers are none, but the end of a range may be computed as one.
+#[test]
+fn ranges_go_from_whole_numbers_to_whole_numbers() {
+    for text in ["let a = [x for x in 0.5..2.6]", "let a = 0..0.5", "sweep rate in 0.1..0.5 { print rate }"] {
+        let found = errors(text);
+        let [one] = &found[..] else { panic!("{text}: {found:#?}") };
+        assert!(one.message.contains("whole number") && one.helps[0].contains("linspace("), "{text}: {one:#?}");
+    }
+    close(&value("let n = 5", "[x for x in 0..n / 2]"), &json!([0, 1, 2]), "half of a length");
+    assert!(errors("param place = 0.2 in 0.1..0.3\nprint place").is_empty());
+}
+
+/// Of two things that are called alike one would be hidden.
+#[test]
+fn imports_of_one_name_are_told() {
+    let found = errors("import std.studio as s\nimport std.presets as s\nprint s.gold.reflectance");
+    assert_eq!(found.first().map(|d| d.code), Some("dscene::name::duplicate"), "{found:#?}");
+    assert!(errors("import std.studio as s\nimport std.studio as s\nlet k = 1").is_empty());
+}
+
+/// A blank between the digits of a number keeps the place of its first ones.
+#[test]
+fn a_point_behind_a_blank_is_told_with_its_number() {
+    let found = errors("let a = [0 .1, 2]");
+    let [one] = &found[..] else { panic!("{found:#?}") };
+    let span = one.span().unwrap();
+    assert_eq!((span.start, span.end, one.helps[0].as_str()), (9, 12, "write `0.1`"), "{one:#?}");
+}
+
+#[test]
+fn arguments_in_each_others_place_are_told_once() {
+    let place = "camera eye { position: [0, 1, 4], look_at: [0, 0, 0], fov: 40deg }\nscene s { shapes: [shape(mesh: cube(), material: diffuse(0.5))] }\n";
+    for (line, help) in [
+        ("let a = render(s, eye)", "write `eye, s`"),
+        ("let m = normal_map(texture([[[0.5, 0.5, 1]]]), diffuse(0.5))", "write `diffuse(0.5), texture("),
+        ("save render(eye, scene: s), \"a.png\"", "write `save render(eye, scene: s) to \"a.png\"`"),
+        ("loss l = 1\nplot l, \"l.png\"", "behind `to`"),
+    ] {
+        let found = errors(&format!("{place}{line}"));
+        let [one] = &found[..] else { panic!("{line}: {found:#?}") };
+        assert!(one.helps[0].contains(help), "{line}: {one:#?}");
+    }
+}

@@ -578,43 +578,6 @@ fn files_that_are_no_scripts_are_diagnosed() {
     assert_diagnosed(&place.dsl(&["check", "binary.dscene"]));
 }
 
-/// A file of another kind is told as a whole, with what can be done with it: on the command line and where it is imported.
-#[test]
-fn files_of_other_kinds_are_told_once() {
-    let place = Place::new();
-    let files: [(&str, &[u8], &str, &str); 7] = [
-        ("a.obj", b"v 0 1 0\nv 1 1 0\nv 0 1 1\nf 1 2 3\n", "a mesh", "`load(\"a.obj\")`"),
-        ("a.GLB", b"glTF\xff\xff", "a scene in glTF", "`load_shapes(\"a.GLB\")`"),
-        ("a.png", b"\x89PNG\xff", "an image", "`load_image(\"a.png\")`"),
-        ("a.py", b"import mitsuba as mi\nfor i in range(3):\n    print(i)\n", "a program in Python", "`python a.py`"),
-        ("a.xml", b"<scene version=\"3.0.0\">\n</scene>\n", "an XML file", "Mitsuba"),
-        ("a.md", b"# Title\n\nSome words.\n\nMore words.\n", "a page in Markdown", "`.dscene`"),
-        ("a.blend", b"BLENDER\xff", "a scene of another program", "`load_shapes(\"a.glb\")`"),
-    ];
-    for (name, bytes, kind, help) in files {
-        fs::write(place.path(name), bytes).unwrap();
-        place.write("importing.dscene", format!("import \"{name}\"\nprint 1\n"));
-        for arguments in
-            [&["check", name, "--json"], &["check", "importing.dscene", "--json"], &["fmt", name, "--json"]]
-        {
-            let output = place.dsl(arguments);
-            assert_code(&output, 1);
-            let told: Vec<Value> = stdout(&output)
-                .lines()
-                .map(|line| serde_json::from_str(line).unwrap())
-                .filter(|line: &Value| line["code"].is_string())
-                .collect();
-            let [one] = &told[..] else { panic!("{arguments:?}: {told:?}") };
-            assert_eq!(one["code"], "dscene::file::format", "{one}");
-            let said = [&one["message"], &one["help"][0]].map(|text| text.as_str().unwrap_or_default());
-            assert!(said[0].contains(kind) && said[1].contains(help), "{arguments:?}: {one}");
-        }
-        assert_eq!(fs::read(place.path(name)).unwrap(), bytes);
-    }
-    // One that is not there is not judged by its name.
-    assert!(stderr(&place.dsl(&["check", "b.obj"])).contains("there is no such file"));
-}
-
 #[test]
 fn a_file_of_ten_megabytes_is_read() {
     let place = Place::new();

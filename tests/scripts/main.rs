@@ -42,6 +42,7 @@ mod records;
 mod repl;
 mod scene_files;
 mod script_tests;
+mod strangers;
 mod terminal;
 mod tidy;
 mod typed_programs;

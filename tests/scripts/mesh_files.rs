@@ -15,7 +15,7 @@ use serde_json::{Value, json};
 use crate::gltf::Builder;
 use crate::place::{Place, assert_code, assert_diagnosed, stderr, stdout};
 
-fn read(place: &Place, name: &str) -> Loaded {
+pub fn read(place: &Place, name: &str) -> Loaded {
     load(&place.path(name), Wanted::Scene).unwrap_or_else(|e| panic!("{e}"))
 }
 
@@ -27,13 +27,13 @@ fn area(mesh: &Mesh) -> f32 {
     (0..mesh.faces.len()).map(triangle).sum()
 }
 
-fn only(loaded: &Loaded) -> &LoadedPart {
+pub fn only(loaded: &Loaded) -> &LoadedPart {
     assert_eq!(loaded.parts.len(), 1);
     &loaded.parts[0]
 }
 
 /// A picture of one texel.
-fn dot(texel: &[f32]) -> Vec<u8> {
+pub fn dot(texel: &[f32]) -> Vec<u8> {
     encode_png(&Image { width: 1, height: 1, channels: texel.len(), data: texel.to_vec() }).unwrap()
 }
 
@@ -42,7 +42,7 @@ fn dot(texel: &[f32]) -> Vec<u8> {
 const SQUARE: &str = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n";
 
 /// The material that an MTL file gives to a square, and what is told.
-fn material(place: &Place, mtl: impl AsRef<[u8]>) -> (LoadedMaterial, Loaded) {
+pub fn material(place: &Place, mtl: impl AsRef<[u8]>) -> (LoadedMaterial, Loaded) {
     place.write("m.mtl", mtl);
     place.write("a.obj", format!("mtllib m.mtl\n{SQUARE}usemtl m\nf 1/1 2/2 3/3 4/4\n"));
     let loaded = read(place, "a.obj");

@@ -51,6 +51,25 @@ fn the_repl_shows_gradients_with_errors_and_steps() {
     assert!(text.contains("step 2 of 4"), "{text}");
 }
 
+/// What a declaration would be refused for.
+#[test]
+fn the_repl_sets_what_is_finite_and_has_the_unit() {
+    let place = Place::new();
+    let output = repl(
+        &place,
+        &[],
+        "param g = 2 in 0..10\nparam a = 10deg\nparam k = 1\n:set g 5deg\n:set a 3\n:set k 1 / 0\n:set a 20deg\ng + k\n",
+    );
+    let told = stderr(&output);
+    for part in
+        ["`g` is of type scalar, this is of type angle", "`a` is of type angle", "30deg", "`k` would not be finite"]
+    {
+        assert!(told.contains(part), "{part} in {told}");
+    }
+    let text = stdout(&output);
+    assert!(text.contains("a = 20deg") && text.contains("3   : scalar"), "{text}");
+}
+
 #[test]
 fn the_repl_sets_only_what_is_there_and_within_its_bounds() {
     let place = Place::new();

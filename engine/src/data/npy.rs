@@ -1,5 +1,6 @@
 //! NumPy's `.npy` files (numpy.lib.format, versions 1 to 3): one array of numbers.
 
+use super::safetensors::half;
 use crate::memory;
 use crate::tape::Tensor;
 
@@ -30,7 +31,11 @@ pub fn decode(bytes: &[u8]) -> Result<Read, String> {
     let count = shape.iter().try_fold(1usize, |n, side| n.checked_mul(*side)).ok_or("its shape is too large")?;
     let (order, kind) = kind.split_at_checked(1).unwrap_or(("", ""));
     let big = order == ">";
-    let unknown = || format!("elements of type “{order}{kind}” are not read; floats, integers and booleans are");
+    let unknown = || {
+        format!(
+            "elements of type “{order}{kind}” are not read; floating-point numbers of 16 to 64 bits, integers and booleans are"
+        )
+    };
     let width = kind.get(1..).and_then(|w| w.parse::<usize>().ok()).filter(|w| *w <= 8).ok_or_else(unknown)?;
     let needed = count.checked_mul(width).ok_or("its shape is too large")?;
     if data.len() < needed {
@@ -38,6 +43,7 @@ pub fn decode(bytes: &[u8]) -> Result<Read, String> {
     }
     memory::ask_for::<f64>(count).map_err(|e| e.to_string())?;
     let read: fn([u8; 8]) -> f64 = match kind {
+        "f2" => |b| f64::from(half(u16::from_le_bytes([b[0], b[1]]))),
         "f4" => |b| f64::from(f32::from_le_bytes([b[0], b[1], b[2], b[3]])),
         "f8" => f64::from_le_bytes,
         "u1" => |b| f64::from(b[0]),
@@ -141,6 +147,7 @@ mod tests {
     fn every_type_and_order_of_bytes_is_read() {
         let array = |descr: &str, data: &[u8]| decode(&file(descr, false, "(2,)", data)).map(|r| r.array.data);
         let both = |a: &[u8], b: &[u8]| [a, b].concat();
+        assert_eq!(array("<f2", &both(&0x3e00u16.to_le_bytes(), &0xc000u16.to_le_bytes())), Ok(vec![1.5, -2.0]));
         assert_eq!(array("<f4", &both(&1.5f32.to_le_bytes(), &(-2f32).to_le_bytes())), Ok(vec![1.5, -2.0]));
         assert_eq!(array(">f4", &both(&1.5f32.to_be_bytes(), &(-2f32).to_be_bytes())), Ok(vec![1.5, -2.0]));
         assert_eq!(array("<f8", &both(&0.1f64.to_le_bytes(), &f64::MIN.to_le_bytes())), Ok(vec![0.1, f64::MIN]));

@@ -131,7 +131,7 @@ impl Arrays {
 }
 
 /// A half-precision number (IEEE 754): one bit of sign, five of the exponent, ten of the fraction.
-fn half(bits: u16) -> f32 {
+pub(super) fn half(bits: u16) -> f32 {
     let (exponent, fraction) = (i32::from(bits >> 10 & 31), f32::from(bits & 1023));
     let size = match exponent {
         0 => fraction * 2f32.powi(-24),

@@ -18,31 +18,103 @@ pub enum Column {
     Words(Vec<String>),
 }
 
-/// Reads a table. Cells are parted by commas, or by semicolons or tabs if the first row has no comma; lines that begin with `#` are
-/// comments. A first row with a word in it has the columns' names. Empty cells among numbers are not-a-number.
-pub fn decode(bytes: &[u8]) -> Result<Table, String> {
-    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
-    // A cell of one digit becomes a string and then a number.
-    memory::ask(bytes.len() as u64 * 40).map_err(|e| e.to_string())?;
-    let first = bytes.split(|b| *b == b'\n').find(|l| !l.is_empty() && l[0] != b'#').unwrap_or_default();
-    let delimiter = [b',', b';', b'\t'].into_iter().find(|d| first.contains(d)).unwrap_or(b',');
+/// What parts the cells of a row.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Separator {
+    Comma,
+    Tab,
+    /// Then numbers may have a comma before their fraction.
+    Semicolon,
+    /// As many blanks as one likes.
+    Blanks,
+}
+
+impl Separator {
+    /// By the first two rows: a semicolon parts numbers with commas, blanks part rows of numbers.
+    fn of(text: &str) -> Separator {
+        let mut rows = text.lines().filter(|line| !line.trim().is_empty() && !line.starts_with('#'));
+        let (first, second) = (rows.next().unwrap_or_default(), rows.next());
+        let are_numbers = |row: &str, by: Separator| {
+            let cells: Vec<&str> = match by {
+                Separator::Semicolon => row.split(';').map(str::trim).collect(),
+                _ => row.split_whitespace().collect(),
+            };
+            cells.len() > 1 && cells.iter().all(|cell| by.number(cell).is_some())
+        };
+        // The first row may have names.
+        let of_numbers = |by| are_numbers(first, by) || second.is_some_and(|row| are_numbers(row, by));
+        match () {
+            () if first.contains(';') && of_numbers(Separator::Semicolon) => Separator::Semicolon,
+            () if first.contains(',') => Separator::Comma,
+            () if first.contains(';') => Separator::Semicolon,
+            () if first.contains('\t') => Separator::Tab,
+            () if of_numbers(Separator::Blanks) => Separator::Blanks,
+            () => Separator::Comma,
+        }
+    }
+
+    /// A cell as a number; an empty one is not-a-number.
+    fn number(self, cell: &str) -> Option<f64> {
+        let with_comma = || (self == Separator::Semicolon && !cell.contains('.')).then(|| cell.replacen(',', ".", 1));
+        match cell.parse() {
+            Ok(number) => Some(number),
+            Err(_) if cell.is_empty() => Some(f64::NAN),
+            Err(_) => with_comma()?.parse().ok(),
+        }
+    }
+}
+
+/// The rows of a table, whose cells are texts.
+fn rows(text: &str, by: Separator) -> Result<Vec<Vec<String>>, String> {
+    let delimiter = match by {
+        Separator::Comma => b',',
+        Separator::Semicolon => b';',
+        Separator::Tab => b'\t',
+        Separator::Blanks => {
+            let rows = text.lines().filter(|line| !line.trim().is_empty() && !line.starts_with('#'));
+            let rows: Vec<Vec<String>> = rows.map(|row| row.split_whitespace().map(str::to_owned).collect()).collect();
+            let length = rows.first().map_or(0, Vec::len);
+            return match rows.iter().position(|row| row.len() != length) {
+                Some(i) => Err(format!("row {} has {} cells, those before have {length}", i + 1, rows[i].len())),
+                None => Ok(rows),
+            };
+        }
+    };
     let mut reader = csv::ReaderBuilder::new()
         .has_headers(false)
         .comment(Some(b'#'))
         .delimiter(delimiter)
         .trim(csv::Trim::All)
-        .from_reader(bytes);
-    let mut rows: Vec<Vec<String>> = Vec::new();
-    for record in reader.byte_records() {
+        .from_reader(text.as_bytes());
+    let mut rows = Vec::new();
+    for record in reader.records() {
         let record = record.map_err(|e| match e.kind() {
             csv::ErrorKind::UnequalLengths { pos, expected_len, len } => {
                 let line = pos.as_ref().map_or(0, csv::Position::line);
-                format!("line {line} has {len} cells, those before have {expected_len}")
+                let open = if text.matches('"').count() % 2 == 1 { ": a quotation mark is not closed" } else { "" };
+                format!("line {line} has {len} cells, those before have {expected_len}{open}")
             }
             _ => e.to_string(),
         })?;
-        rows.push(record.iter().map(|cell| String::from_utf8_lossy(cell).into_owned()).collect());
+        rows.push(record.iter().map(str::to_owned).collect());
     }
+    Ok(rows)
+}
+
+/// Reads a table. Cells are parted by commas, or by semicolons or tabs if the first row has no comma, or by blanks between numbers; where
+/// semicolons part numbers these may have a decimal comma. Lines that begin with `#` are comments. A first row with a word in it has the
+/// columns' names. Empty cells among numbers are not-a-number.
+pub fn decode(bytes: &[u8]) -> Result<Table, String> {
+    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    // A cell of one digit becomes a string and then a number.
+    memory::ask(bytes.len() as u64 * 40).map_err(|e| e.to_string())?;
+    let text = std::str::from_utf8(bytes).map_err(|e| {
+        let line = bytes[..e.valid_up_to()].iter().filter(|b| **b == b'\n').count() + 1;
+        format!("line {line} is not valid UTF-8: tables are read in this encoding only")
+    })?;
+    let by = Separator::of(text);
+    let number = |cell: &str| by.number(cell);
+    let rows = rows(text, by)?;
     let Some(first) = rows.first() else { return Err("the table is empty".to_owned()) };
     let columns = first.len();
     let named = first.iter().any(|cell| number(cell).is_none());
@@ -58,7 +130,7 @@ pub fn decode(bytes: &[u8]) -> Result<Table, String> {
     let mut out: Vec<(String, Column)> = Vec::new();
     for (c, name) in first.iter().enumerate() {
         let cells = || rows[1..].iter().map(|row| row[c].as_str());
-        let numbers: Option<Vec<f64>> = cells().map(number).collect();
+        let numbers: Option<Vec<f64>> = cells().map(&number).collect();
         let column = match numbers {
             Some(numbers) => Column::Numbers(numbers),
             None => Column::Words(cells().map(str::to_owned).collect()),
@@ -83,10 +155,6 @@ pub fn encode(names: Option<&[&str]>, rows: &[Vec<String>]) -> Result<Vec<u8>, S
         writer.write_record(row).map_err(failed)?;
     }
     writer.into_inner().map_err(|e| e.to_string())
-}
-
-fn number(cell: &str) -> Option<f64> {
-    if cell.is_empty() { Some(f64::NAN) } else { cell.parse().ok() }
 }
 
 /// A column's name as a field: what no name of the language has becomes `_`.
@@ -122,6 +190,10 @@ mod tests {
             assert_eq!(rows(text), expected, "{text:?}");
         }
         assert_eq!(rows("7").1, [7.0]);
+        // As other countries and NumPy's `savetxt` write them.
+        for text in ["1,0;2,5;-3e4\n4;5;6\n", "1.0 2.5  -3e4\n 4 5 6 \n", "1;2.5;-3e4\n4;5;6,0"] {
+            assert_eq!(rows(text), expected, "{text:?}");
+        }
     }
 
     #[test]
@@ -130,6 +202,12 @@ mod tests {
         assert_eq!(found[0], ("name".to_owned(), Column::Words(vec!["a, b".to_owned(), "c".to_owned()])));
         assert_eq!(found[1], ("wave_length__nm".to_owned(), Column::Numbers(vec![400.0, 500.0])));
         assert_eq!(found[2].0, "_2nd");
+        let prices = columns("name;price\nMüller;1,5\nMaier;2\n");
+        assert_eq!(prices[1], ("price".to_owned(), Column::Numbers(vec![1.5, 2.0])));
+        let places = columns("x  y\n1 2\n3 4\n");
+        assert_eq!(places[1], ("y".to_owned(), Column::Numbers(vec![2.0, 4.0])));
+        let words = columns("wave length\n400\n500\n");
+        assert_eq!(words[0], ("wave_length".to_owned(), Column::Numbers(vec![400.0, 500.0])));
         assert!(matches!(&found[2].1, Column::Numbers(n) if n[0] == 1.0 && n[1].is_nan()));
     }
 
@@ -139,6 +217,12 @@ mod tests {
         assert_eq!(error("1,2\n3\n"), "line 2 has 1 cells, those before have 2");
         assert_eq!(error("1,2\n3,x\n"), "row 2 has “x” among numbers, and the first row has no names");
         assert_eq!(error(""), "the table is empty");
+        assert_eq!(error("1 2\n3\n"), "row 2 has 1 cells, those before have 2");
+        assert_eq!(
+            error("1,2\n\"3,4\n5,6\n"),
+            "line 2 has 1 cells, those before have 2: a quotation mark is not closed"
+        );
+        assert!(decode(b"a,b\nM\xfcller,1\n").unwrap_err().contains("line 2 is not valid UTF-8"));
         assert_eq!(error("a,a\n1,2\n"), "two columns are named “a”");
     }
 }

@@ -71,7 +71,7 @@ pub enum ImageError {
         message: String,
     },
     /// The extension of a file is none of a supported image format.
-    #[error("{path}: {action} “.{extension}” is not supported; {}", supported(extensions))]
+    #[error("{path}: {action} {} is not supported; {}", named(extension), supported(extensions))]
     UnsupportedExtension {
         /// Which file.
         path: String,
@@ -82,6 +82,10 @@ pub enum ImageError {
         /// Supported extensions.
         extensions: &'static [&'static str],
     },
+}
+
+fn named(extension: &str) -> String {
+    if extension.is_empty() { "a file without an ending".to_owned() } else { format!("“.{extension}”") }
 }
 
 /// Most numbers of an image: those of a 16384 × 16384 RGB picture.

@@ -61,7 +61,7 @@ pub enum MeshError {
         vertices: usize,
     },
     /// A position is infinite or NaN.
-    #[error("vertex {vertex} is not finite: [{}, {}, {}]", position[0], position[1], position[2])]
+    #[error("vertex {vertex} (counted from 0) is not finite: [{}, {}, {}]", position[0], position[1], position[2])]
     NotFinite {
         /// Index of the first such vertex.
         vertex: usize,
@@ -79,7 +79,7 @@ pub enum MeshError {
         vertices: usize,
     },
     /// A normal, texture coordinate or colour is infinite or NaN.
-    #[error("{what} of vertex {vertex} are not finite")]
+    #[error("{what} of vertex {vertex} (counted from 0) are not finite")]
     AttributeNotFinite {
         /// `normals`, `uvs` or `colors`.
         what: &'static str,
@@ -108,13 +108,22 @@ pub enum MeshError {
         message: String,
     },
     /// The extension of a file is none of a supported mesh format.
-    #[error("{path}: files ending in “.{extension}” hold no mesh that can be read here; supported are {}", load::EXTENSIONS.map(|e| format!(".{e}")).join(", "))]
+    #[error("{path}: {} hold no mesh that can be read here; supported are {}", files_of(extension), load::EXTENSIONS.map(|e| format!(".{e}")).join(", "))]
     UnsupportedExtension {
         /// Which file.
         path: String,
         /// The extension, without the dot.
         extension: String,
     },
+}
+
+/// Files with an extension, in words.
+pub(crate) fn files_of(extension: &str) -> String {
+    if extension.is_empty() {
+        "files without an ending".to_owned()
+    } else {
+        format!("files ending in “.{extension}”")
+    }
 }
 
 /// Most vertices or faces of a mesh from a file, or of merged meshes.

@@ -224,8 +224,8 @@ impl Mtl {
             };
             let mut words = Vec::new();
             rest = after.trim_start();
-            while words.len() < most {
-                let (word, after) = rest.split_once(char::is_whitespace).ok_or(Fault::Odd)?;
+            while words.len() < most && !rest.is_empty() {
+                let (word, after) = rest.split_once(char::is_whitespace).unwrap_or((rest, ""));
                 // The second and third number are optional.
                 if most > 1 && word.parse::<f32>().is_err() {
                     break;

@@ -121,6 +121,9 @@ pub(super) fn decode(bytes: &[u8], reading: &mut Reading) -> Result<Loaded, Stri
     if !ply.seen_vertices {
         return Err("the PLY file has no element “vertex”".to_string());
     }
+    if body.has_more() {
+        reading.notes.say("what follows the elements that the header promises is left out");
+    }
     let mesh = ply.finish()?;
     let material = match &images[..] {
         [] => None,
@@ -463,6 +466,14 @@ impl Body<'_> {
             }
         }
         Err(format!("the PLY file ends before its last “{}”", element.name))
+    }
+
+    /// Whether something is left.
+    fn has_more(&mut self) -> bool {
+        match self {
+            Body::Ascii(rows) => rows.lines.any(|(_, line)| !line.trim_ascii().is_empty()),
+            Body::Binary { bytes, .. } => bytes.iter().any(|b| !b.is_ascii_whitespace()),
+        }
     }
 
     /// Ignores the rest of a line beyond the properties that the header declares.

@@ -1,6 +1,7 @@
 //! Reads STL, binary and ASCII. Corners at the same position become one vertex. Shading is flat: normals and colours of the facets are
 //! not read.
 
+use std::borrow::Cow;
 use std::collections::HashMap;
 
 use glam::{Vec3, vec3};
@@ -16,7 +17,7 @@ pub(super) fn decode(bytes: &[u8], reading: &mut Reading) -> Result<Loaded, Stri
     // looks like text.
     let is_exact = promised.is_some_and(|n| 84 + 50 * n == bytes.len() as u64);
     if !is_exact && is_text(without_mark(bytes)) {
-        return ascii(without_mark(bytes), reading);
+        return ascii(&with_lines(without_mark(bytes)), reading);
     }
     match promised {
         Some(n) if 84 + 50 * n <= bytes.len() as u64 => {
@@ -42,6 +43,21 @@ fn is_text(bytes: &[u8]) -> bool {
         |line: &[u8], word: &str| line.get(..word.len()).is_some_and(|w| w.eq_ignore_ascii_case(word.as_bytes()));
     // Whatever the next line is, a text contains no zero bytes.
     next.is_some_and(|line| begins(line, "facet") || begins(line, "endsolid")) || !bytes.contains(&0)
+}
+
+/// A text whose words are parted by blanks alone, with a line for each statement.
+fn with_lines(bytes: &[u8]) -> Cow<'_, [u8]> {
+    if lines(bytes).take(3).count() > 2 {
+        return bytes.into();
+    }
+    let mut text = Vec::with_capacity(bytes.len());
+    for word in bytes.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty()) {
+        let begins = ["facet", "outer", "vertex", "endloop", "endfacet", "endsolid"];
+        let is_first = begins.iter().any(|begin| word.eq_ignore_ascii_case(begin.as_bytes()));
+        text.push(if is_first { b'\n' } else { b' ' });
+        text.extend(word);
+    }
+    text.into()
 }
 
 fn binary(bytes: &[u8], reading: &mut Reading) -> Result<Loaded, String> {

@@ -19,7 +19,8 @@ pub(super) const TABLE: &[(&str, Native)] = &[
         read(a, |bytes| {
             // A JSON tree of numbers takes some twenty times as much memory as its text.
             memory::ask(bytes.len() as u64 * 20).map_err(|e| e.to_string())?;
-            let json: Json = serde_json::from_slice(bytes).map_err(|e| e.to_string())?;
+            let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+            let json: Json = serde_json::from_slice(bytes).map_err(|e| json_fault(bytes, &e))?;
             Ok(from_json(&json))
         })
     }),
@@ -71,6 +72,21 @@ pub(super) fn load_profile(a: &Args, index: usize) -> Result<Var> {
         a.warn(NativeError::at(index, note));
     }
     Ok(Var::constant(map))
+}
+
+/// What is wrong with a JSON file. Python writes words that JSON does not have.
+fn json_fault(bytes: &[u8], error: &serde_json::Error) -> String {
+    let line = bytes.split(|b| *b == b'\n').nth(error.line().saturating_sub(1)).unwrap_or_default();
+    // The column is that of a word's first or last letter.
+    let from = error.column().saturating_sub(2).min(line.len());
+    let near = &line[from..line.len().min(from + 12)];
+    let word = ["NaN", "Infinity"].into_iter().find(|word| near.windows(word.len()).any(|w| w == word.as_bytes()));
+    match word {
+        Some(word) => format!(
+            "{error}: `{word}` is no word of JSON; what is no number is written `null` there, or \"nan\", \"inf\", \"-inf\""
+        ),
+        None => error.to_string(),
+    }
 }
 
 /// Objects become records, and arrays of numbers tensors if their lengths agree. Numbers that are not finite are the strings `"nan"`,

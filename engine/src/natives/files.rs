@@ -7,7 +7,7 @@ use std::sync::Arc;
 use crate::image::Image;
 use crate::mesh::load::{
     Clear, Loaded, LoadedCamera, LoadedImage, LoadedLight, LoadedLightKind, LoadedMaterial, LoadedPart,
-    LoadedProjection, Sheen, Wanted, load, load_cameras,
+    LoadedProjection, NO_TRIANGLE, Sheen, Wanted, load, load_cameras,
 };
 use crate::mesh::{Mesh, MeshError};
 use crate::render::bsdf::sheen_roughness_of;
@@ -31,10 +31,10 @@ pub(super) const TABLE: &[(&str, Native)] = &[
         let _work = reading(&path);
         let merged = stop::apart(move || load(&from, Wanted::Mesh).and_then(Loaded::merged));
         let (mesh, warnings) = merged.map_err(refused)?;
-        tell(a, &path, warnings);
         if mesh.faces.is_empty() {
-            return Err(NativeError::at(0, "the file has no triangles"));
+            return Err(empty("no triangles", &warnings));
         }
+        tell(a, &path, warnings);
         Ok(Value::Mesh(Arc::new((&mesh).into())))
     }),
     ("load_scene", |a| Ok(Value::Scene(Arc::new(load_scene(a)?)))),
@@ -50,6 +50,13 @@ pub(super) fn reading(path: &Path) -> work::Work {
 
 fn refused(e: MeshError) -> NativeError {
     NativeError::at(0, e.to_string())
+}
+
+/// A file without what is looked for, and what was found in its place.
+fn empty(what: &str, warnings: &[String]) -> NativeError {
+    let others: Vec<&str> = warnings.iter().map(String::as_str).filter(|w| *w != NO_TRIANGLE).collect();
+    let error = NativeError::at(0, format!("the file has {what}"));
+    if others.is_empty() { error } else { error.help(others.join("; ")) }
 }
 
 /// Warns about features of a file that are not supported.
@@ -73,10 +80,10 @@ fn load_scene(a: &Args) -> Result<SceneValue> {
         let _ = add_to_scene(&mut scene, &converter.part(part));
     }
     scene.lights.extend(lights.iter().map(|l| Arc::new(light(l))));
-    tell(a, &path, warnings);
     if scene.shapes.is_empty() && scene.lights.is_empty() {
-        return Err(NativeError::at(0, "the file has no triangles and no lights"));
+        return Err(empty("no triangles and no lights", &warnings));
     }
+    tell(a, &path, warnings);
     Ok(scene)
 }
 

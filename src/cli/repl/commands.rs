@@ -115,6 +115,17 @@ impl Repl<'_> {
         };
         let before = self.before(&format!(":set {text}"));
         let Some(expr) = self.expression(value)? else { return Ok(()) };
+        let declared = &self.living.engine.program().decl(id).ty;
+        let (wants, has) = (declared.without_unit(), expr.ty.without_unit());
+        if let (Some((_, wants)), Some((_, has))) = (wants, has)
+            && wants != has
+        {
+            let message = format!("`{name}` is of type {declared}, this is of type {}", expr.ty);
+            let help = if wants { "angles have a unit: `30deg`" } else { "it has no unit" };
+            return Err(Diagnostic::error("dscene::type::unit", message)
+                .label(expr.span, expr.ty.to_string())
+                .help(help));
+        }
         let found = self.living.engine.eval(&expr)?;
         let current = self.living.engine.param_value(id)?;
         let tensor = found.var().map(|v| v.value().clone()).map(|t| match t.item() {
@@ -130,6 +141,7 @@ impl Repl<'_> {
         let set = set_param(&mut self.living.engine, id, tensor);
         set.map_err(|refused| match refused.code {
             "dscene::type::bounds" => refused.label(expr.span, "out of its bounds"),
+            "dscene::run::value" => refused.label(expr.span, "this is not"),
             _ => refused,
         })?;
         self.can_undo(before, None);

@@ -202,8 +202,13 @@ impl Materials {
         let Some(source) = texture.source() else {
             if reading.materials() {
                 let kinds: Vec<&str> = texture.extensions().into_iter().flat_map(|e| e.keys().map(|k| &**k)).collect();
-                let sentence = "images in formats that are not supported are left out";
-                reading.notes.about(sentence, format!("{} of {whose}", kinds.join(", ")));
+                match kinds.is_empty() {
+                    true => reading.notes.about("textures without an image are left out", whose),
+                    false => reading.notes.about(
+                        "images in formats that are not supported are left out",
+                        format!("{} of {whose}", kinds.join(", ")),
+                    ),
+                }
             }
             return None;
         };

@@ -63,6 +63,9 @@ pub(super) fn parse<'a>(bytes: &'a [u8], notes: &mut Notes) -> Result<File<'a>, 
             return Err(format!("the glTF file refers to accessor {index} but has {count}"));
         }
     }
+    leave_out_unknown_attributes(&mut root, text, notes);
+    complete_accessors(&mut root);
+    turn_by_units(&mut root, notes);
     let position =
         |p: &json::mesh::Primitive| p.attributes.get(&Checked::Valid(Semantic::Positions)).map(|i| i.value());
     let positions: Vec<usize> = root.meshes.iter().flat_map(|m| &m.primitives).filter_map(position).collect();
@@ -73,6 +76,76 @@ pub(super) fn parse<'a>(bytes: &'a [u8], notes: &mut Notes) -> Result<File<'a>, 
     }
     let document = gltf::Document::from_json(root).map_err(|e| format!("the glTF file is damaged: {e}"))?;
     Ok(File { document, chunk })
+}
+
+/// Attributes of applications, whose names begin with `_`, and others that glTF does not have: the crate's validation takes them for damage, and
+/// its parser loses their names.
+fn leave_out_unknown_attributes(root: &mut json::Root, text: &[u8], notes: &mut Notes) {
+    let mut some = false;
+    for primitive in root.meshes.iter_mut().flat_map(|m| &mut m.primitives) {
+        let before = primitive.attributes.len();
+        primitive.attributes.retain(|semantic, _| matches!(semantic, Checked::Valid(_)));
+        some |= primitive.attributes.len() < before;
+    }
+    let Some(value) = some.then(|| json::deserialize::from_slice::<json::Value>(without_mark(text)).ok()).flatten()
+    else {
+        return;
+    };
+    let list = |value: &json::Value, name: &str| value[name].as_array().cloned().unwrap_or_default();
+    for primitive in list(&value, "meshes").iter().flat_map(|mesh| list(mesh, "primitives")) {
+        for name in primitive["attributes"].as_object().into_iter().flat_map(|attributes| attributes.keys()) {
+            let stem = name.trim_end_matches(|c: char| c.is_ascii_digit());
+            let is_known =
+                ["POSITION", "NORMAL", "TANGENT", "TEXCOORD_", "COLOR_", "JOINTS_", "WEIGHTS_"].contains(&stem);
+            if !is_known && !name.starts_with('_') {
+                notes.about("attributes that glTF does not have are left out", format!("“{name}”"));
+            }
+        }
+    }
+}
+
+/// Accessors without a buffer view are zeros, which the crate's validation knows only of those that are sparse: they become that, with nothing
+/// in place of zeros.
+fn complete_accessors(root: &mut json::Root) {
+    use json::accessor::sparse::{Indices, Sparse, Values};
+    if root.buffer_views.is_empty() {
+        return;
+    }
+    let some_view = json::Index::new(0);
+    for accessor in root.accessors.iter_mut().filter(|a| a.buffer_view.is_none() && a.sparse.is_none()) {
+        let component_type = Checked::Valid(json::accessor::IndexComponentType(json::accessor::ComponentType::U8));
+        let extras = json::Extras::default;
+        accessor.sparse = Some(Sparse {
+            count: 0_usize.into(),
+            indices: Indices {
+                buffer_view: some_view,
+                byte_offset: 0_usize.into(),
+                component_type,
+                extensions: None,
+                extras: extras(),
+            },
+            values: Values { buffer_view: some_view, byte_offset: 0_usize.into(), extensions: None, extras: extras() },
+            extensions: None,
+            extras: extras(),
+        });
+    }
+}
+
+/// Makes rotations of nodes unit quaternions. Others would distort what they turn.
+fn turn_by_units(root: &mut json::Root, notes: &mut Notes) {
+    for (i, node) in root.nodes.iter_mut().enumerate() {
+        let Some(rotation) = &mut node.rotation else { continue };
+        let length = rotation.0.iter().map(|x| x * x).sum::<f32>().sqrt();
+        if (length - 1.0).abs() <= 1e-3 {
+            continue;
+        }
+        let name = node.name.as_ref().map_or_else(|| format!("node {i}"), |name| format!("“{name}”"));
+        notes.about("rotations that are no unit quaternions are scaled to ones", name);
+        match length.is_finite() && length > 0.0 {
+            true => rotation.0.iter_mut().for_each(|x| *x /= length),
+            false => node.rotation = None,
+        }
+    }
 }
 
 /// The JSON text and the binary chunk of a GLB.
@@ -125,10 +198,12 @@ fn root(text: &[u8]) -> Result<json::Root, String> {
 /// The document that a text has. By a function of the glTF crate, which has the parsers of all that a document is made of: a call of
 /// `json::deserialize` would make them once more here, which takes seconds of every build.
 fn parsed(text: &[u8]) -> Result<json::Root, String> {
-    // That function also reads what begins as a GLB.
+    // That function also reads what begins as a GLB, and panics at damaged ones.
     let text = text.trim_ascii_start();
+    if text.starts_with(b"glTF") {
+        return Err("expected value at line 1 column 1".to_owned());
+    }
     match gltf::Gltf::from_slice_without_validation(text) {
-        _ if text.starts_with(b"glTF") => Err("expected value at line 1 column 1".to_owned()),
         Ok(gltf) => Ok(gltf.document.into_json()),
         Err(gltf::Error::Deserialize(e)) => Err(e.to_string()),
         Err(e) => Err(e.to_string()),

@@ -215,7 +215,10 @@ fn errors_say_what_is_wrong() {
     let message = |bytes: &[u8], extension: &str| read(bytes, extension).unwrap_err();
     let missing = message(b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", "obj");
     assert_eq!(missing, "line 4 of the OBJ file: there is no vertex 9; there are 3");
-    assert_eq!(message(b"v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "obj"), "vertex 0 is not finite: [0, 0, NaN]");
+    assert_eq!(
+        message(b"v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "obj"),
+        "vertex 0 (counted from 0) is not finite: [0, 0, NaN]"
+    );
     let huge = b"ply\nformat ascii 1.0\nelement vertex 99999999\nproperty float x\nproperty float y\nproperty float z\nend_header\n";
     assert_eq!(message(huge, "ply"), "the PLY file promises 99999999 of “vertex” but is too short for them");
     assert_eq!(message(b"", "ply"), "the PLY header has no end");

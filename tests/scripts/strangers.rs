@@ -1,0 +1,187 @@
+//! What strangers' files and habits have that ours have not: it is read, or told once by what it is.
+
+use std::fs;
+
+use dscene::mesh::load::Loaded;
+use glam::{vec2, vec3};
+use serde_json::{Value, json};
+
+use crate::gltf::Builder;
+use crate::mesh_files::{dot, material, only, read};
+use crate::place::{Place, assert_code, stderr, stdout};
+
+// ---- Scripts and commands ------------------------------------------------------------------------------------------
+
+/// Lines end as they did on old Macintosh computers too; else a comment would be all of a file.
+#[test]
+fn lines_may_end_in_carriage_returns() {
+    let place = Place::new();
+    let text = "// hello\rlet a = 1\rprint a + foo\r";
+    place.write("old.dscene", text);
+    for output in
+        [place.dsl(&["check", "old.dscene"]), place.command(&["check", "-"]).write_stdin(text).output().unwrap()]
+    {
+        assert_code(&output, 1);
+        assert!(stderr(&output).contains("`foo` is not declared"), "{}", stderr(&output));
+    }
+}
+
+/// What is to be typed next can be typed.
+#[test]
+fn commands_that_are_proposed_are_quoted() {
+    let place = Place::new();
+    let made = place.dsl(&["new", "a b/it's"]);
+    assert_code(&made, 0);
+    assert!(stdout(&made).contains("next: dsl run 'a b/it'\\''s/main.dscene'"), "{}", stdout(&made));
+    let made = place.dsl(&["new", "other", "--json"]);
+    let told: Value = serde_json::from_str(&stdout(&made)).unwrap();
+    assert_eq!(told["next"], "dsl run other/main.dscene");
+    // What could not be written is a failure of the command that was to write it.
+    place.write("b.dscene", "print 1\n");
+    let output = place.dsl(&["run", "b.dscene", "--out", "r", "--timings=nowhere/t.json"]);
+    assert_code(&output, 1);
+    assert!(stderr(&output).contains("cannot write"), "{}", stderr(&output));
+}
+
+/// A file of another kind is told as a whole, with what can be done with it: on the command line and where it is imported.
+#[test]
+fn files_of_other_kinds_are_told_once() {
+    let place = Place::new();
+    let files: [(&str, &[u8], &str, &str); 7] = [
+        ("a.obj", b"v 0 1 0\nv 1 1 0\nv 0 1 1\nf 1 2 3\n", "a mesh", "`load(\"a.obj\")`"),
+        ("a.GLB", b"glTF\xff\xff", "a scene in glTF", "`load_shapes(\"a.GLB\")`"),
+        ("a.png", b"\x89PNG\xff", "an image", "`load_image(\"a.png\")`"),
+        ("a.py", b"import mitsuba as mi\nfor i in range(3):\n    print(i)\n", "a program in Python", "`python a.py`"),
+        ("a.xml", b"<scene version=\"3.0.0\">\n</scene>\n", "an XML file", "Mitsuba"),
+        ("a.md", b"# Title\n\nSome words.\n\nMore words.\n", "a page in Markdown", "`.dscene`"),
+        ("a.blend", b"BLENDER\xff", "a scene of another program", "`load_shapes(\"a.glb\")`"),
+    ];
+    for (name, bytes, kind, help) in files {
+        fs::write(place.path(name), bytes).unwrap();
+        place.write("importing.dscene", format!("import \"{name}\"\nprint 1\n"));
+        for arguments in
+            [&["check", name, "--json"], &["check", "importing.dscene", "--json"], &["fmt", name, "--json"]]
+        {
+            let output = place.dsl(arguments);
+            assert_code(&output, 1);
+            let told: Vec<Value> = stdout(&output)
+                .lines()
+                .map(|line| serde_json::from_str(line).unwrap())
+                .filter(|line: &Value| line["code"].is_string())
+                .collect();
+            let [one] = &told[..] else { panic!("{arguments:?}: {told:?}") };
+            assert_eq!(one["code"], "dscene::file::format", "{one}");
+            let said = [&one["message"], &one["help"][0]].map(|text| text.as_str().unwrap_or_default());
+            assert!(said[0].contains(kind) && said[1].contains(help), "{arguments:?}: {one}");
+        }
+        assert_eq!(fs::read(place.path(name)).unwrap(), bytes);
+    }
+    // One that is not there is not judged by its name.
+    assert!(stderr(&place.dsl(&["check", "b.obj"])).contains("there is no such file"));
+}
+
+// ---- Meshes and scenes ---------------------------------------------------------------------------------------------
+
+/// What a script would be refused for is brought back from a file, or told.
+#[test]
+fn colours_beyond_all_light_are_told() {
+    let place = Place::new();
+    let told = |loaded: &Loaded, words: &str| {
+        assert!(loaded.warnings.iter().any(|w| w.contains(words)), "{words}: {:?}", loaded.warnings);
+    };
+    let colored = |color: &str| {
+        let vertex = |xyz: &str| format!("v {xyz} {color}\n");
+        ["0 0 0", "1 0 0", "0 1 0"].map(vertex).concat() + "f 1 2 3\n"
+    };
+    place.write("bytes.obj", colored("255 128 0"));
+    let loaded = read(&place, "bytes.obj");
+    let first = only(&loaded).mesh.colors.as_ref().unwrap()[0];
+    assert!((first - vec3(1.0, 128.0 / 255.0, 0.0)).length() < 1e-6, "{first}");
+    told(&loaded, "taken for numbers from 0 to 255");
+    // They may be of what shines.
+    place.write("bright.obj", colored("1.5 0.2 0"));
+    let loaded = read(&place, "bright.obj");
+    assert_eq!(only(&loaded).mesh.colors.as_ref().unwrap()[0], vec3(1.5, 0.2, 0.0));
+    told(&loaded, "more light than there is");
+    let (m, loaded) = material(&place, "newmtl m\nKd 3 -1 0.5\nKe 4 0 0\nPr 0.2\n");
+    assert_eq!((m.base_color, m.emissive, m.roughness), (vec3(1.0, 0.0, 0.5), vec3(4.0, 0.0, 0.0), 0.2));
+    told(&loaded, "brought back");
+    let mut gltf = Builder::new();
+    let metal = json!({"baseColorFactor": [2, 0.5, 0.5, 1], "metallicFactor": 3, "roughnessFactor": -1});
+    let material = gltf.add("materials", json!({"name": "m", "pbrMetallicRoughness": metal}));
+    let mesh = gltf.triangle(json!({}), json!({"material": material}));
+    gltf.add("nodes", json!({"mesh": mesh}));
+    place.write("a.gltf", gltf.text());
+    let loaded = read(&place, "a.gltf");
+    let m = only(&loaded).material.as_ref().unwrap();
+    assert_eq!((m.base_color, m.metallic, m.roughness), (vec3(1.0, 0.5, 0.5), 1.0, 0.0));
+    told(&loaded, "“m”");
+}
+
+/// Legal, though few files have it.
+#[test]
+fn gltf_has_attributes_of_applications_and_accessors_of_zeros() {
+    let place = Place::new();
+    let mut gltf = Builder::new();
+    let own = gltf.floats("SCALAR", &[1.0, 2.0, 3.0]);
+    let zeros = gltf.add("accessors", json!({"componentType": 5126, "count": 3, "type": "VEC2"}));
+    let mesh = gltf.triangle(json!({"_FEATURE_ID_0": own, "TEXCOORD_0": zeros, "SPEED": own}), json!({}));
+    // Twice a half turn's quaternion, and one that turns nothing at all.
+    gltf.add("nodes", json!({"mesh": mesh, "rotation": [0, 0, 2, 0], "name": "turned"}));
+    gltf.add("nodes", json!({"mesh": mesh, "rotation": [0, 0, 0, 0]}));
+    gltf.json["scenes"][0]["nodes"] = json!([0, 1]);
+    place.write("a.gltf", gltf.text());
+    let loaded = read(&place, "a.gltf");
+    let [turned, still] = &loaded.parts[..] else { panic!("{loaded:?}") };
+    assert_eq!(turned.mesh.uvs.as_ref().unwrap(), &[vec2(0.0, 0.0); 3]);
+    assert!((turned.mesh.vertices[1] - vec3(-1.0, 0.0, 0.0)).length() < 1e-6, "{:?}", turned.mesh.vertices);
+    assert!((still.mesh.vertices[1] - vec3(1.0, 0.0, 0.0)).length() < 1e-6, "{:?}", still.mesh.vertices);
+    let [unknown, told] = &loaded.warnings[..] else { panic!("{:?}", loaded.warnings) };
+    assert!(unknown.contains("glTF does not have") && unknown.contains("“SPEED”"), "{unknown}");
+    assert!(told.contains("unit quaternions") && told.contains("“turned”") && told.contains("node 1"), "{told}");
+}
+
+/// Found by a fuzzer: the parser that we use reads a GLB in the place of its text, and trusts its lengths.
+#[test]
+fn a_glb_within_a_glb_is_refused() {
+    let place = Place::new();
+    let inner = [&b"glTF"[..], &[2, 0, 0, 0], &[0; 12]].concat();
+    let mut bytes = b"glTF".to_vec();
+    for number in [2, 20 + inner.len() as u32, inner.len() as u32] {
+        bytes.extend(number.to_le_bytes());
+    }
+    bytes.extend(b"JSON");
+    bytes.extend(&inner);
+    for file in [&bytes[..], &[b" ", &inner[..]].concat()] {
+        place.write("a.glb", file);
+        let refused = dscene::mesh::load::load(&place.path("a.glb"), dscene::mesh::load::Wanted::Scene).unwrap_err();
+        assert!(refused.to_string().contains("glTF"), "{refused}");
+    }
+}
+
+#[test]
+fn options_of_maps_have_one_number_or_more() {
+    let place = Place::new();
+    place.write("dot.png", dot(&[0.2, 0.4, 0.6]));
+    for options in ["-s 2 2", "-s 2", "-o 0.5", "-s 2 2 1 -o 0.5 0"] {
+        let (m, loaded) = material(&place, format!("newmtl m\nmap_Kd {options} dot.png\n"));
+        assert!(m.base_color_image.is_some(), "{options}");
+        assert_eq!(loaded.warnings, Vec::<String>::new(), "{options}");
+    }
+}
+
+#[test]
+fn stl_in_one_line_and_ply_with_too_much() {
+    let place = Place::new();
+    let facet = "facet normal 0 0 1 outer loop vertex 0 0 0 vertex 1 0 0 vertex 0 1 0 endloop endfacet";
+    place.write("a.stl", format!("solid a thing {facet} endsolid a thing\n"));
+    let loaded = read(&place, "a.stl");
+    assert_eq!((only(&loaded).name.as_str(), only(&loaded).mesh.faces.len()), ("a thing", 1));
+    let header = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+                  element face 1\nproperty list uchar int vertex_indices\nend_header\n";
+    place.write("a.ply", format!("{header}0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n3 0 1 2\n\n"));
+    let loaded = read(&place, "a.ply");
+    assert!(loaded.warnings[0].contains("what follows the elements"), "{:?}", loaded.warnings);
+    place.write("a.ply", format!("{header}0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n\n"));
+    assert_eq!(read(&place, "a.ply").warnings, Vec::<String>::new());
+}
