@@ -120,7 +120,7 @@ pub(super) enum Stored {
     AsEver,
     /// It is too large to be stored, and its products are rendered, which is rehearsed in its turn.
     Never,
-    Small(Matrix),
+    Small(Box<Matrix>),
 }
 
 impl Task<'_> {
@@ -228,7 +228,7 @@ impl Rehearsal {
         Ok(match rows {
             Some(rows) if whole(&rows) < all => {
                 *room -= held;
-                Stored::Small(Matrix { rows, small, camera: *task.camera })
+                Stored::Small(Box::new(Matrix { rows, small, camera: *task.camera }))
             }
             _ => Stored::Never,
         })

@@ -85,7 +85,7 @@ struct Fixed {
 enum Stored {
     Whole(Rows),
     /// In a rehearsal.
-    Small(Matrix),
+    Small(Box<Matrix>),
 }
 
 impl RenderOp {

@@ -245,7 +245,7 @@ impl Lexer<'_> {
             let at = first + i;
             (at, at + c.len_utf8())
         }));
-        if !self.foreign.iter().any(|known| *known == word) {
+        if !self.foreign.contains(&word) {
             self.foreign.push(word);
             self.diagnostics.push(
                 Diagnostic::error("dscene::syntax::unexpected", format!("`{word}` is not spelt as names are"))
