@@ -412,8 +412,8 @@ fn what_stands_on_something_has_the_derivative_of_what_reaches_into_it() {
         // In brief the floor that carries and the box that stands on it, and not the wall.
         let motions = if long() { &motions[..] } else { &motions[..2] };
         for &(what, f) in motions {
-            let (seeds, telling) = if long() { (seeds, 0.02) } else { (seeds / 3, 0.04) };
-            let plan = Plan { spp: 12, max_bounces: 2, ..Plan::default() };
+            let (spp, seeds, telling) = if long() { (24, seeds, 0.02) } else { (12, seeds / 3, 0.04) };
+            let plan = Plan { spp, max_bounces: 2, ..Plan::default() };
             let of = |depth: f32| {
                 let build = room(ground, block, move |t, s| {
                     s.depth = depth;
