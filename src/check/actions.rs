@@ -110,7 +110,11 @@ impl Checker<'_> {
         let saved = &value.ty;
         let known: &[&str] = match saved {
             Ty::Num(shape) if shape.len() < 2 => &["json", "csv", "npy", "txt"],
-            Ty::Num(_) => &["png", "exr", "hdr", "json", "csv", "npy", "txt"],
+            Ty::Num(shape) if shape.len() == 2 => &["png", "exr", "hdr", "json", "csv", "npy", "txt"],
+            Ty::Num(shape) if shape.len() == 3 && shape[2].is_none_or(|channels| channels <= 4) => {
+                &["png", "exr", "hdr", "npy", "json", "txt"]
+            }
+            Ty::Num(_) => &["npy", "json", "txt"],
             Ty::Image { .. } | Ty::Texture => &["png", "exr", "hdr", "npy", "json", "txt"],
             Ty::Shape | Ty::Light | Ty::Camera { .. } | Ty::Scene => &["glb"],
             Ty::Array(..) | Ty::Tuple(_) if is_of_a_scene(saved) => &["glb", "json", "txt"],
@@ -121,7 +125,8 @@ impl Checker<'_> {
             Ty::AngleImage(_) => &["npy", "json", "txt"],
             Ty::Bool | Ty::Str | Ty::Array(..) | Ty::Tuple(_) | Ty::Estimate(_) | Ty::Gradients => &["json", "txt"],
             // Columns make a table.
-            Ty::Record(_) => &["json", "csv", "txt"],
+            Ty::Record(fields) if fields.iter().all(|(_, ty)| may_be_column(ty)) => &["json", "csv", "txt"],
+            Ty::Record(_) => &["json", "txt"],
             Ty::Mesh => &["obj", "ply", "glb", "json", "txt"],
             _ => &["png", "apng", "exr", "hdr", "obj", "ply", "glb", "json", "csv", "npy", "txt"],
         };
@@ -322,6 +327,16 @@ impl Checker<'_> {
             _ => std::slice::from_ref(value),
         };
         items.iter().filter_map(|item| self.wrt(item).map(|(target, _)| (target, item.span))).collect()
+    }
+}
+
+/// Whether a field of a record may be a column of a table: numbers or words side by side.
+fn may_be_column(ty: &Ty) -> bool {
+    match ty {
+        Ty::Num(shape) => shape.len() == 1,
+        Ty::Array(item, _) => **item == Ty::Str || item.is_unknown(),
+        Ty::Tuple(items) => items.iter().all(|item| *item == Ty::Str || item.is_unknown()),
+        ty => ty.is_unknown(),
     }
 }
 

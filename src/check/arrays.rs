@@ -12,6 +12,23 @@ use crate::source::Span;
 use crate::syntax::ast;
 
 impl Checker<'_> {
+    /// `[0, 45deg, 0]`: written numbers among angles, which are degrees too; whether that was it.
+    fn report_degrees(&mut self, items: &[Typed]) -> bool {
+        let texts: Vec<&str> = items.iter().map(|item| self.sources.text(item.expr.span)).collect();
+        let typed = |(item, text): (&Typed, &&str)| match &item.expr.ty {
+            Ty::Angle => Some((*text).to_owned()),
+            ty => (ty.is_scalar() && text.parse::<f64>().is_ok()).then(|| format!("{text}deg")),
+        };
+        let Some(typed) = items.iter().zip(&texts).map(typed).collect::<Option<Vec<String>>>() else { return false };
+        let spans = items.iter().map(|item| item.expr.span);
+        let Some(all) = spans.reduce(Span::to) else { return false };
+        let told = Diagnostic::error("dscene::type::mismatch", "this array mixes angles and numbers")
+            .label(all, "every angle has its unit")
+            .help(format!("write `{}`", typed.join(", ")));
+        self.diagnostics.push(told);
+        true
+    }
+
     pub(super) fn array(&mut self, items: &[ast::Expr], span: Span, wanted: Option<&Sig>) -> Typed {
         let inner = wanted.and_then(element_sig);
         let items: Vec<Typed> = items.iter().map(|i| self.expr(i, inner.as_ref())).collect();
@@ -57,6 +74,9 @@ impl Checker<'_> {
                         return Ty::Error;
                     }
                     if matches!((&joined, ty), (Ty::Num(_), Ty::Angle) | (Ty::Angle, Ty::Num(_))) {
+                        if self.report_degrees(&items) {
+                            return Ty::Error;
+                        }
                         self.diagnostics.push(
                             Diagnostic::error("dscene::type::mismatch", "this array mixes angles and numbers")
                                 .label(item.expr.span, format!("this is `{ty}`"))
@@ -281,8 +301,29 @@ impl Checker<'_> {
         broken(span)
     }
 
+    /// A field by its name in quotes, `data["exposure time"]`: of what was loaded, whose names need not be names of the language. (Those of a
+    /// record that is known are, and stand behind a dot.)
+    fn key(&self, base: &Typed, index: &ast::Expr) -> Option<ast::Name> {
+        let ast::ExprKind::Str(parts) = &index.kind else { return None };
+        let text = match parts.as_slice() {
+            [] => String::new(),
+            [ast::StrPart::Text(text)] => text.clone(),
+            _ => return None,
+        };
+        let is_name = text.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_')
+            && text.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_');
+        let loaded = match &base.expr.ty {
+            Ty::Record(_) => !is_name,
+            ty => ty.is_unknown(),
+        };
+        loaded.then_some(ast::Name { text, span: index.span })
+    }
+
     pub(super) fn index(&mut self, base: &ast::Expr, index: &ast::Expr, span: Span) -> Typed {
         let base = self.expr(base, None);
+        if let Some(key) = self.key(&base, index) {
+            return self.field_of(base, &key, span);
+        }
         let rows = match base.expr.ty.without_unit() {
             // An index into an image gives a row of pixels.
             Some((Ty::Image { height, width, channels, .. }, angle)) => {

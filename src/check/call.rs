@@ -5,12 +5,11 @@ use super::arith::{image_sizes, together};
 use super::declare::broken;
 use super::hir::{self, Callee, DeclId, DerivativeKind, ExprKind};
 use super::infer::{Typed, typed};
-use super::kinds::with_article;
 use super::modules::{Checker, SigParam, Signature, State};
 use super::results;
-use super::signature::{Const, Sig, fits};
+use super::signature::{Sig, fits};
 use super::types::Ty;
-use crate::diag::{Diagnostic, did_you_mean};
+use crate::diag::Diagnostic;
 use crate::source::Span;
 use crate::syntax::ast::{self, StatementKind};
 
@@ -26,8 +25,18 @@ pub struct Site<'a> {
     pub is_kind: bool,
 }
 
+/// The arguments of a call beside its parameters.
+pub struct Matching {
+    /// By parameter: the index of the argument that it takes.
+    pub by_parameter: Vec<Option<usize>>,
+    /// Parameters that need an argument and have none.
+    pub missing: Vec<usize>,
+    /// Arguments that no parameter is left for.
+    pub extra: Vec<Typed>,
+}
+
 impl Site<'_> {
-    fn noun(&self) -> &'static str {
+    pub fn noun(&self) -> &'static str {
         if self.is_kind { "field" } else { "argument" }
     }
 }
@@ -49,6 +58,17 @@ impl Checker<'_> {
             },
             _ => None,
         };
+        // A thing under the name of a function that it needs and the library has not: `shape glass { material: glass() }`.
+        if let (Some(id), ast::ExprKind::Name(name)) = (decl, &callee.kind)
+            && self.slot(id).state == State::Busy
+            && let Some(help) = self.name_in_other_languages(name, callee.span)
+        {
+            let told = Diagnostic::error("dscene::name::unknown", format!("there is no function `{name}`"))
+                .label(callee.span, "not the thing that is declared here")
+                .help(help);
+            self.diagnostics.push(told);
+            return self.after_error(&given, span);
+        }
         let Some(id) = decl.filter(|id| matches!(self.slot(*id).statement.kind, StatementKind::Fn(_))) else {
             return self.call_value(callee, &given, span);
         };
@@ -136,11 +156,11 @@ impl Checker<'_> {
         self.declare(id);
         let Some(signature) = self.signature(id) else { return self.after_error(given, span) };
         let errors = self.error_count();
-        let args = self.match_arguments(&signature, given, site, id);
+        let matched = self.match_arguments(&signature, given, site);
         let mut found: Vec<Option<Typed>> = Vec::new();
         let mut bound: Vec<(char, usize, Ty)> = Vec::new();
-        let mut wrong: Vec<(usize, bool, Typed)> = Vec::new();
-        for (i, arg) in args.iter().enumerate() {
+        let mut wrong: Vec<(usize, Typed)> = Vec::new();
+        for (i, arg) in matched.by_parameter.iter().enumerate() {
             let Some(given) = arg.map(|a| &given[a]) else {
                 found.push(None);
                 continue;
@@ -153,12 +173,12 @@ impl Checker<'_> {
                 self.check_count(sig, &signature.params[i].name, &arg.expr);
                 self.coerce(sig, arg)
             } else {
-                wrong.push((i, given.name.is_none(), arg.clone()));
+                wrong.push((i, arg.clone()));
                 Typed { expr: hir::Expr { ty: Ty::Error, ..arg.expr }, value: None }
             };
             found.push(Some(arg));
         }
-        self.report_arguments(&signature, &wrong, site);
+        self.report_arguments(&signature, given, &matched, &wrong, &found, (site, id));
         if self.slot(id).state == State::Busy {
             return broken(span);
         }
@@ -192,16 +212,12 @@ impl Checker<'_> {
         Typed { value, ..typed(kind, span, ty) }
     }
 
-    /// By parameter: the index of the argument that it takes.
-    pub fn match_arguments(
-        &mut self,
-        signature: &Signature,
-        given: &[Given],
-        site: Site,
-        id: DeclId,
-    ) -> Vec<Option<usize>> {
+    /// Which argument each parameter takes. What is misspelled, given twice or out of order is reported here; what is missing or too many may
+    /// have its cause in the arguments' types, and is left to [`Checker::report_arguments`].
+    pub fn match_arguments(&mut self, signature: &Signature, given: &[Given], site: Site) -> Matching {
         let params = &signature.params;
-        let mut out: Vec<Option<usize>> = vec![None; params.len()];
+        let mut out = Matching { by_parameter: vec![None; params.len()], missing: Vec::new(), extra: Vec::new() };
+        let slots = &mut out.by_parameter;
         let mut named = false;
         // Parameters that misspelled names were probably meant for.
         let mut meant: Vec<usize> = Vec::new();
@@ -212,134 +228,45 @@ impl Checker<'_> {
         for (i, arg) in given.iter().enumerate() {
             let Some(name) = &arg.name else {
                 let slot = if named {
-                    let slot = next_unnamed(params, given, &out);
+                    let slot = next_unnamed(params, given, slots);
                     if !std::mem::replace(&mut disordered, true) {
                         self.report_disorder(arg, slot.map(|s| params[s].name.as_str()));
                     }
                     slot
                 } else {
-                    if i == out.len() {
-                        self.report_one_too_many(signature, given.len(), arg, site, id);
-                    }
-                    (i < out.len()).then_some(i)
+                    (i < slots.len()).then_some(i)
                 };
                 match slot {
-                    Some(slot) => out[slot] = Some(i),
-                    None => drop(self.expr(arg.value, None)),
+                    Some(slot) => slots[slot] = Some(i),
+                    None => {
+                        let extra = self.expr(arg.value, None);
+                        if !named {
+                            out.extra.push(extra);
+                        }
+                    }
                 }
                 continue;
             };
             named = true;
             match params.iter().position(|p| p.name == name.text) {
-                Some(slot) => match out[slot] {
+                Some(slot) => match slots[slot] {
                     Some(first) => {
                         let first = given[first].name.as_ref().map_or(given[first].value.span, |n| n.span);
                         self.report_twice(name, first);
                         self.expr(arg.value, None);
                     }
-                    None => out[slot] = Some(i),
+                    None => slots[slot] = Some(i),
                 },
                 None => {
-                    meant.extend(self.report_unknown_argument(params, name, site));
+                    meant.extend(self.report_unknown_argument(params, name, given, site));
                     self.expr(arg.value, None);
                 }
             }
         }
-        let missing: Vec<usize> =
-            (0..params.len()).filter(|i| out[*i].is_none() && !params[*i].has_default && !meant.contains(i)).collect();
-        if !missing.is_empty() {
-            self.report_missing(signature, &missing, site, id);
-        }
+        out.missing = (0..params.len())
+            .filter(|i| out.by_parameter[*i].is_none() && !params[*i].has_default && !meant.contains(i))
+            .collect();
         out
-    }
-
-    /// Reports a positional argument after a named one; it was probably meant for the parameter `slot`.
-    fn report_disorder(&mut self, arg: &Given, slot: Option<&str>) {
-        let text = self.sources.text(arg.value.span);
-        let help = match slot {
-            Some(slot) => format!("give it a name, or move it to the front: `{slot}: {text}`"),
-            None => "leave it out: all arguments have a value".to_owned(),
-        };
-        self.diagnostics.push(
-            Diagnostic::error("dscene::call::order", "positional arguments come before named ones")
-                .label(arg.value.span, "has no name")
-                .help(help),
-        );
-    }
-
-    fn report_one_too_many(&mut self, signature: &Signature, given: usize, arg: &Given, site: Site, id: DeclId) {
-        let n = signature.params.len();
-        let shown = self.show_signature(id, signature);
-        self.diagnostics.push(
-            Diagnostic::error(
-                "dscene::call::count",
-                format!("`{}` takes {n} argument{}, not {given}", site.name, plural(n)),
-            )
-            .label(arg.value.span, "one too many")
-            .help(format!("it is `{shown}`")),
-        );
-    }
-
-    /// Reports a name that no parameter has; returns the parameter that it was probably meant for.
-    fn report_unknown_argument(&mut self, params: &[SigParam], name: &ast::Name, site: Site) -> Option<usize> {
-        let known: Vec<&str> = params.iter().map(|p| p.name.as_str()).collect();
-        let foreign = crate::diag::advice::field(&name.text, &known);
-        if foreign.is_none() && crate::diag::advice::is_planned(&name.text) {
-            self.diagnostics.push(crate::diag::advice::unavailable(&name.text, name.span));
-            return None;
-        }
-        let near = foreign.or_else(|| crate::diag::suggest(&name.text, known.iter().copied()));
-        let meant = params.iter().position(|p| Some(p.name.as_str()) == near);
-        let what = format!("its {}s are", site.noun());
-        let around = crate::diag::advice::around_material(&name.text);
-        let around = around.filter(|_| super::fields::materials().any(|(constructor, _)| constructor == site.name));
-        let help = match (foreign, around) {
-            _ if let Some(help) = crate::diag::advice::of_light(site.name, &name.text) => Some(help.to_owned()),
-            (Some(field), _) => Some(format!("did you mean `{field}`?")),
-            (None, Some(function)) => {
-                Some(format!("`{function}` is put around a material: `{function}({}(…), …)`", site.name))
-            }
-            (None, None) => did_you_mean(&name.text, &what, known),
-        };
-        let (code, message) = if site.is_kind {
-            ("dscene::name::field", format!("{} has no field `{}`", with_article(site.name), name.text))
-        } else {
-            ("dscene::call::unknown_argument", format!("`{}` has no argument `{}`", site.name, name.text))
-        };
-        self.diagnostics
-            .push(Diagnostic::error(code, message).label(name.span, format!("unknown {}", site.noun())).help_opt(help));
-        meant
-    }
-
-    fn report_missing(&mut self, signature: &Signature, missing: &[usize], site: Site, id: DeclId) {
-        let params = &signature.params;
-        let names: Vec<String> = missing.iter().map(|i| format!("`{}`", params[*i].name)).collect();
-        let fields: Vec<String> = missing.iter().map(|i| format!("{}: …", params[*i].name)).collect();
-        let s = plural(missing.len());
-        let shown = self.show_signature(id, signature);
-        let help = if site.is_kind {
-            format!("add `{}`", fields.join(", "))
-        } else {
-            format!("add `{}`; it is `{shown}`", fields.join(", "))
-        };
-        self.diagnostics.push(
-            Diagnostic::error(
-                "dscene::call::missing",
-                format!("`{}` needs the {}{s} {}", site.name, site.noun(), names.join(", ")),
-            )
-            .label(site.span, format!("missing {}", names.join(", ")))
-            .help(help),
-        );
-    }
-
-    /// `area(mesh: mesh, radiance: color | texture = …)`
-    fn show_signature(&self, id: DeclId, signature: &Signature) -> String {
-        let param = |p: &SigParam| {
-            let optional = if p.has_default { "?" } else { "" };
-            format!("{}{optional}: {}", p.name, p.sig)
-        };
-        let params: Vec<String> = signature.params.iter().map(param).collect();
-        format!("{}({})", self.slot(id).name.text, params.join(", "))
     }
 
     /// Arguments whose parameters share a type variable must have compatible types.
@@ -400,156 +327,6 @@ impl Checker<'_> {
             "both must have the same shape"
         };
         self.diagnostics.push(diagnostic.help(help));
-    }
-
-    /// Arguments of types that their parameters do not take, and whether they have no name: two neighbours may stand in each other's place.
-    fn report_arguments(&mut self, signature: &Signature, wrong: &[(usize, bool, Typed)], site: Site) {
-        let takes = |param: usize, arg: &Typed| signature.params[param].sig.accepts(&arg.expr.ty, arg.value.as_ref());
-        if let [(i, true, first), (j, true, second)] = wrong
-            && *j == i + 1
-            && (takes(*j, first) && takes(*i, second))
-            && first.expr.span.source == second.expr.span.source
-            && first.expr.span.end < second.expr.span.start
-        {
-            let [a, b] = [first, second].map(|arg| self.sources.text(arg.expr.span));
-            let names = [i, j].map(|k| &signature.params[*k].name);
-            let told = Diagnostic::error(
-                "dscene::type::mismatch",
-                format!("two arguments of `{}` stand in each other's place", site.name),
-            )
-            .label(first.expr.span.to(second.expr.span), format!("`{}` comes before `{}`", names[0], names[1]))
-            .help(format!("write `{b}, {a}`"));
-            self.diagnostics.push(told);
-            return;
-        }
-        for (i, _, arg) in wrong {
-            let param = &signature.params[*i];
-            self.report_argument(&param.sig, &param.name, arg, site);
-        }
-    }
-
-    pub fn report_argument(&mut self, sig: &Sig, param: &str, arg: &Typed, site: Site) {
-        let ty = &arg.expr.ty;
-        let mut help = self.conversion_help(sig, arg, arg.expr.span);
-        if site.name == "image" && *ty == Ty::Str {
-            help = Some(format!(
-                "`image` takes numbers; a file is read by `load_image({})`",
-                self.sources.text(arg.expr.span)
-            ));
-        }
-        let noun = site.noun();
-        if let (Some(Const::Str(word)), false) = (&arg.value, sig.words().is_empty()) {
-            let help = did_you_mean(word, "choose one of", sig.words());
-            self.diagnostics.push(
-                Diagnostic::error("dscene::name::unknown", format!("`{param}` cannot be `{word}`"))
-                    .label(arg.expr.span, "not one of the choices")
-                    .help_opt(help),
-            );
-            return;
-        }
-        let whole = matches!(sig, Sig::Int(_)) && matches!(ty, Ty::Num(_)) && fits(&sig.ty(), ty);
-        let unit = matches!((sig, ty), (Sig::Is(Ty::Angle), Ty::Num(_)) | (Sig::Is(Ty::Num(_)), Ty::Angle))
-            || matches!((sig, ty), (Sig::Angles, Ty::Num(_) | Ty::Image { .. }))
-            || matches!(sig, Sig::Number | Sig::Var('N')) && ty.is_angle();
-        let (code, message, label) = if whole {
-            let message = format!("the {noun} `{param}` of `{}` is a whole number", site.name);
-            ("dscene::type::mismatch", message, "not whole: a count or size has no fraction".to_owned())
-        } else {
-            let message = format!("the {noun} `{param}` of `{}` is `{sig}`, found `{ty}`", site.name);
-            (if unit { "dscene::type::unit" } else { "dscene::type::mismatch" }, message, format!("this is `{ty}`"))
-        };
-        self.diagnostics.push(Diagnostic::error(code, message).label(arg.expr.span, label).help_opt(help));
-    }
-
-    /// A help text for types that are commonly confused.
-    pub fn conversion_help(&self, wanted: &Sig, found: &Typed, span: Span) -> Option<String> {
-        let text = self.sources.text(span);
-        let short = if text.len() <= 40 && !text.contains('\n') { text } else { "…" };
-        let literal = matches!(found.expr.kind, ExprKind::Number(_) | ExprKind::Unary { .. });
-        let open = |c: &char| !matches!(c, 'N' | 'Q');
-        let accepts = |ty: Ty| {
-            wanted.accepts(&ty, None) && !matches!(wanted, Sig::Any) && !matches!(wanted, Sig::Var(c) if open(c))
-        };
-        let is = |ty: Ty| {
-            let sig = Sig::Is(ty);
-            *wanted == sig || matches!(wanted, Sig::Union(choices) if choices.contains(&sig))
-        };
-        if let Some(call) = self.named_value(wanted, found) {
-            return Some(format!("what has settings is a function: `{call}`"));
-        }
-        let is_bracketed = short.starts_with(['[', '(']) && short.ends_with([']', ')']);
-        let compound = !is_bracketed && (short.contains(['+', '-', '/', '<', '>', '=']) || short.contains(" if "));
-        let factor = if compound { format!("({short})") } else { short.to_owned() };
-        Some(match &found.expr.ty {
-            Ty::Num(shape) if is(Ty::Angle) && shape.is_empty() || *wanted == Sig::Angles => {
-                if literal && shape.is_empty() {
-                    format!("write `{short}deg` or `{short}rad`")
-                } else {
-                    // Someone who writes `pi / 4` means radians.
-                    let unit = if short.contains("pi") || short.contains("tau") { "rad" } else { "deg" };
-                    format!("angles have a unit: `{factor} * 1{unit}`")
-                }
-            }
-            Ty::Image { .. } if *wanted == Sig::Angles => format!("angles have a unit: `{factor} * 1rad`"),
-            found if found.is_angle() && found.without_unit().is_some_and(|(numbers, _)| accepts(numbers)) => {
-                let what = if *found == Ty::Angle { "a number" } else { "numbers" };
-                format!("divide by a unit to get {what}: `{factor} / 1deg`")
-            }
-            Ty::Angle if is(Ty::Rotation) => format!("write `rotation(angle: {short})`"),
-            Ty::Num(shape) if shape.is_empty() && matches!(wanted, Sig::Int(s) if s.as_slice() == [Some(2)]) => {
-                format!("write `[{short}, {short}]`")
-            }
-            Ty::Num(_) if matches!(wanted, Sig::Int(_)) && found.value.is_some() => {
-                let x = found.value.as_ref().and_then(Const::number)?;
-                format!("write `{}`", x.round())
-            }
-            Ty::Num(shape) if shape.is_empty() && is(Ty::Num(vec![None])) => format!("write `[{short}]`"),
-            Ty::Num(shape) if shape.is_empty() && accepts(Ty::vector(3)) => {
-                format!("write `[{short}, {short}, {short}]`")
-            }
-            Ty::Num(shape) if shape.as_slice() == [Some(3)] && accepts(Ty::Rotation) => {
-                format!("the rotation that makes what hangs down point there is `aim({short})`")
-            }
-            Ty::Num(_) if is(Ty::Material) => format!("write `diffuse(reflectance: {short})`"),
-            Ty::Num(_) if is(Ty::Optimizer) => format!("write `adam(lr: {short})`"),
-            Ty::Num(_) | Ty::Texture if is(super::signature::any_image()) => format!("write `image({short})`"),
-            Ty::Texture if is(Ty::Material) => format!("write `diffuse(reflectance: {short})`"),
-            Ty::Image { .. } if is(Ty::Texture) => format!("write `texture({short})`"),
-            Ty::Image { .. } if accepts(Ty::SCALAR) => format!("reduce the image to one number: `mean({short})`"),
-            Ty::Str if is(Ty::Texture) => format!("write `texture({short})`"),
-            Ty::Str if is(Ty::Mesh) => format!("write `load({short})`"),
-            Ty::Str if is(super::signature::any_image()) => format!("write `load_image({short})`"),
-            Ty::Mesh if is(Ty::Shape) => format!("write `shape(mesh: {short})`"),
-            Ty::Mesh if is(Ty::Light) => format!("write `area({short}, radiance: 10)`"),
-            Ty::Shape if is(Ty::Mesh) => format!("take its mesh: `{short}.mesh`"),
-            Ty::Camera { .. } if accepts(super::signature::any_image()) => format!("render it: `render({short})`"),
-            Ty::Estimate(_) => format!("take its mean: `{short}.mean`"),
-            Ty::Fn(..) => format!("call it: `{short}(…)`"),
-            found => match wanted {
-                Sig::List(item, _) if item.accepts(found, None) => format!("write `[{short}]`"),
-                _ => return None,
-            },
-        })
-    }
-
-    /// Suggests `adam()` for `"adam"` where an optimiser is wanted.
-    fn named_value(&self, wanted: &Sig, found: &Typed) -> Option<String> {
-        let Some(Const::Str(name)) = &found.value else { return None };
-        let plain = name.to_lowercase();
-        let name = if self.builtin(&plain).is_some() { plain.as_str() } else { crate::diag::advice::function(&plain)? };
-        let id = self.builtin(name)?;
-        let StatementKind::Fn(f) = &self.slot(id).statement.kind else { return None };
-        let result = self.slot(id).signature.as_ref().and_then(|s| s.result.clone());
-        let result = result.or_else(|| match f.result.as_ref()?.choices.as_slice() {
-            [ast::TypeAtom { kind: ast::TypeKind::Named(name), lens, .. }] if lens.is_empty() => {
-                super::signature::named(name)
-            }
-            _ => None,
-        })?;
-        let fits = wanted.accepts(&result.ty(), None) && !matches!(wanted, Sig::Any | Sig::Var(_));
-        let missing: Vec<String> =
-            f.params.iter().filter(|p| p.default.is_none()).map(|p| format!("{}: …", p.name.text)).collect();
-        fits.then(|| format!("{name}({})", missing.join(", ")))
     }
 
     /// The default of a native's parameter; `None` for `= none`.

@@ -91,6 +91,44 @@ impl Checker<'_> {
                     .label(target.expr.span, "the same point")
                     .label(position.expr.span, "as this"),
             );
+        } else if args.get("transform").is_none() {
+            self.check_up(args);
+        }
+    }
+
+    /// Checks that `up` does not lie along the view, which leaves open how the camera is turned.
+    fn check_up(&mut self, args: Arguments) {
+        let vector = |name: &str, default: [f64; 3]| match args.get(name) {
+            Some(given) => <[f64; 3]>::try_from(given.value.as_ref()?.numbers()).ok(),
+            None => Some(default),
+        };
+        let [Some(position), Some(target), Some(up)] =
+            [("position", [0.0, 0.0, 5.0]), ("look_at", [0.0; 3]), ("up", [0.0, 1.0, 0.0])].map(|(n, v)| vector(n, v))
+        else {
+            return;
+        };
+        let view = [0, 1, 2].map(|i| target[i] - position[i]);
+        let side = [(1, 2), (2, 0), (0, 1)].map(|(i, j)| view[i] * up[j] - view[j] * up[i]);
+        let place = ["up", "look_at", "position"].into_iter().find_map(|name| args.get(name));
+        if let Some(place) = place
+            && view.iter().any(|x| *x != 0.0)
+            && side.iter().all(|x| x.abs() < 1e-12)
+        {
+            let [x, y, z] = view.map(f64::abs);
+            let free = if z <= x && z <= y {
+                "[0, 0, 1]"
+            } else if x <= y {
+                "[1, 0, 0]"
+            } else {
+                "[0, 1, 0]"
+            };
+            self.fault(
+                "dscene::value::look_at",
+                "`up` points along the view direction",
+                place.expr.span,
+                "the camera may be turned in any way about it",
+                &format!("give another one: `up: {free}`"),
+            );
         }
     }
 

@@ -19,7 +19,9 @@ impl Checker<'_> {
         let Some(signature) = self.signature(id) else { return broken(span) };
         let errors = self.error_count();
         let site = Site { name, span: callee, is_kind: false };
-        let slots = self.match_arguments(&signature, given, site, id);
+        let matched = self.match_arguments(&signature, given, site);
+        let slots = &matched.by_parameter;
+        self.report_arguments(&signature, given, &matched, &[], &[], (site, id));
         if self.error_count() > errors {
             return broken(span);
         }

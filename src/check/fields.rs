@@ -36,6 +36,10 @@ impl Checker<'_> {
         if let Some(&id) = self.modules[module].names.get(&name.text) {
             return Some(Ok(id));
         }
+        // Its statement could not be read, which has been said.
+        if self.unread.contains(&name.text) {
+            return Some(Err(()));
+        }
         let names: Vec<&str> =
             self.modules[module].names.keys().map(String::as_str).filter(|name| !is_private(name)).collect();
         let help = did_you_mean(&name.text, "it has", names);
@@ -53,7 +57,7 @@ impl Checker<'_> {
             Some(ty) => ty,
             None => {
                 let ty = &base.expr.ty;
-                let known: Vec<&str> = fields_of(ty).into_iter().filter(|f| field_type(ty, f).is_some()).collect();
+                let known = self.known_fields(&base.expr);
                 let foreign = crate::diag::advice::field(&name.text, &known).map(|f| format!("did you mean `{f}`?"));
                 let near = suggest(&name.text, known.iter().copied()).map(|f| format!("did you mean `{f}`?"));
                 let help = sizes(ty, &name.text, self.sources.text(base.expr.span))
@@ -83,6 +87,28 @@ impl Checker<'_> {
             _ => None,
         };
         Typed { value, ..typed(ExprKind::Field { base: Box::new(base.expr), name: name.text.clone() }, span, ty) }
+    }
+
+    /// The fields that a value has; of a light or material whose model can be seen, those of the model.
+    pub fn known_fields<'a>(&self, of: &'a Expr) -> Vec<&'a str> {
+        let mut known = fields_of(&of.ty);
+        known.retain(|field| field_type(&of.ty, field).is_some());
+        if let Some((_, parts)) = self.model_of(of, 16) {
+            known.retain(|field| parts.iter().any(|part| part == field));
+        }
+        known
+    }
+
+    /// The model of light or material that makes a value, if that can be seen, and its fields.
+    fn model_of(&self, made: &Expr, depth: usize) -> Option<(&'static str, Vec<&'static str>)> {
+        match &made.kind {
+            ExprKind::Decl(id) if depth > 0 => self.model_of(self.slot(*id).hir.body.as_ref()?, depth - 1),
+            ExprKind::Call(call) => {
+                let Callee::Native(id) = call.callee else { return None };
+                lights().chain(materials()).find(|(model, _)| *model == self.slot(id).name.text)
+            }
+            _ => None,
+        }
     }
 
     /// Reports a field that a light, material or camera does not have, if it is known how the value is constructed.

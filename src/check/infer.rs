@@ -223,6 +223,14 @@ impl Checker<'_> {
             );
             return;
         }
+        if super::library::LIBRARY.iter().any(|(module, prelude, _)| !prelude && *module == name) {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::name::unknown", format!("`{name}` is not imported"))
+                    .label(span, "a module of the library")
+                    .help(format!("write `import std.{name} as {name}` at the top")),
+            );
+            return;
+        }
         let local = suggest(name, self.locals.iter().map(|l| l.name.as_str())).map(str::to_owned);
         let guess = local
             .or_else(|| self.nearest_name(self.module, name))
@@ -246,7 +254,7 @@ impl Checker<'_> {
     }
 
     /// A help for a name of another language: what to write here instead, with the arguments if it is called.
-    fn name_in_other_languages(&self, name: &str, span: Span) -> Option<String> {
+    pub fn name_in_other_languages(&self, name: &str, span: Span) -> Option<String> {
         use crate::diag::advice::{Around, Place, help, is_module};
         let text = &self.sources.get(span.source)?.text;
         let mut end = span.end as usize;
@@ -396,7 +404,8 @@ impl Checker<'_> {
         let mut fine_all = true;
         let mut replaced_function = false;
         for replacement in replacements {
-            let target = self.target(&replacement.path);
+            let target =
+                if self.report_bare_field(tree, &body, replacement) { None } else { self.target(&replacement.path) };
             let value = self.expr(&replacement.value, None);
             let Some((target, ty)) = target else { continue };
             if let Some(first) = out.iter().find(|r| r.target == target) {
@@ -475,6 +484,24 @@ impl Checker<'_> {
             (false, false) => body.expr.ty.clone(),
         };
         typed(ExprKind::With { body: Box::new(body.expr), replacements: out }, span, ty)
+    }
+
+    /// `lamp with { radiance: 3 }`, where a field stands without what has it; whether that was it.
+    fn report_bare_field(&mut self, tree: &ast::Expr, body: &Typed, replacement: &ast::Replacement) -> bool {
+        let (ast::ExprKind::Name(owner), [field]) = (&tree.kind, replacement.path.as_slice()) else { return false };
+        if self.lookup(&field.text).is_some() {
+            return false;
+        }
+        let known = self.known_fields(&body.expr);
+        let foreign = || crate::diag::advice::field(&field.text, &known);
+        let own = known.iter().find(|known| **known == field.text).copied();
+        let Some(meant) = own.or_else(foreign) else { return false };
+        let value = self.sources.text(replacement.value.span);
+        let told = Diagnostic::error("dscene::name::unknown", format!("`{}` is not declared", field.text))
+            .label(field.span, format!("a field of `{owner}`?"))
+            .help(format!("a field is named with what has it: `{owner} with {{ {owner}.{meant}: {value} }}`"));
+        self.diagnostics.push(told);
+        true
     }
 
     /// `lamp` or `lamp.radiance`: a declaration and the fields that lead to a part of its value, with the part's type.

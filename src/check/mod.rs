@@ -25,6 +25,7 @@ mod lines;
 mod lints;
 mod loaded;
 mod log;
+mod misfits;
 mod modules;
 mod near;
 mod operands;

@@ -436,6 +436,9 @@ impl<'l> Checker<'l> {
         };
         let Some(target) = target else {
             self.unread.extend(import.alias.iter().map(|a| a.text.clone()));
+            if let (ast::ImportFrom::Module(name), None) = (&import.from, &import.alias) {
+                self.unread.insert(name.clone());
+            }
             return;
         };
         self.modules[module].imported.push(target);
@@ -511,7 +514,8 @@ impl<'l> Checker<'l> {
         }
         let names: Vec<String> = LIBRARY.iter().map(|(n, ..)| format!("std.{n}")).collect();
         let foreign = name.split('.').next().is_some_and(crate::diag::advice::is_module);
-        let help = match suggest(name, names.iter().map(String::as_str)) {
+        let own = names.iter().map(String::as_str).find(|known| known.strip_prefix("std.") == Some(name));
+        let help = match own.or_else(|| suggest(name, names.iter().map(String::as_str))) {
             _ if foreign && !name.starts_with("std.") => {
                 "leave it out: all functions of the library are there".to_owned()
             }
@@ -525,9 +529,15 @@ impl<'l> Checker<'l> {
                 }
             },
         };
+        let place = match self.sources.text(span).rfind(name) {
+            Some(at) if !foreign => {
+                Span { start: span.start + at as u32, end: span.start + (at + name.len()) as u32, ..span }
+            }
+            _ => span,
+        };
         self.diagnostics.push(
             Diagnostic::error("dscene::import::missing", format!("there is no module `{name}`"))
-                .label(span, "not found")
+                .label(place, "not found")
                 .help(help),
         );
         None

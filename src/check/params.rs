@@ -352,14 +352,21 @@ impl Checker<'_> {
         for side in [&low, &high].into_iter().flatten() {
             let (side_ty, span) = (&side.expr.ty, side.expr.span);
             if !spreads_over(start.ty, side_ty) {
+                // Both sides at once: who leaves out one unit leaves out the other.
+                let degrees = |end: &Option<ast::Expr>| {
+                    let text = end.as_ref().map_or("", |end| self.sources.text(end.span));
+                    if text.trim().parse::<f64>().is_ok() { format!("{text}deg") } else { text.to_owned() }
+                };
                 let help = (*start.ty == Ty::Angle && side_ty.is_scalar())
-                    .then(|| format!("write `{}deg`", self.sources.text(span)));
+                    .then(|| format!("write `{}..{}`", degrees(&bounds.low), degrees(&bounds.high)));
+                let ends = bounds.low.iter().chain(&bounds.high).map(|end| end.span);
+                let whole = ends.reduce(Span::to).filter(|_| help.is_some()).unwrap_or(span);
                 self.diagnostics.push(
                     Diagnostic::error(
                         "dscene::type::bounds",
                         format!("bounds of a `{}` cannot be `{side_ty}`", start.ty),
                     )
-                    .label(span, format!("this is `{side_ty}`"))
+                    .label(whole, format!("this is `{side_ty}`"))
                     .label(start.span, format!("`{}` is `{}`", start.name, start.ty))
                     .help_opt(help),
                 );

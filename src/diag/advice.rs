@@ -29,7 +29,8 @@ pub struct Row {
     /// The spellings, separated by blanks.
     pub spellings: &'static str,
     /// The text to type, with what the user wrote in place of `$<` (the operand before, or the value before the dot), `$>` (the
-    /// operand behind, or the rest of the statement), `$1` to `$3` and `$*` (the arguments).
+    /// operand behind, or the rest of the statement), `$1` to `$3`, `$*` (the arguments) and `$v` (the arguments as a colour or a vector of three: one
+    /// number three times).
     pub write: &'static str,
     /// Why, put before the text to type; may be empty.
     pub why: &'static str,
@@ -126,7 +127,13 @@ pub const TABLE: &[Row] = &[
     row(Place::Call, "degrees rad2deg to_degrees todeg", "$1 / 1deg", "angles have units"),
     row(
         Place::Call,
-        "rgb RGB rgba vec2 vec3 vec4 float2 float3 float4 color Color color3f Vector Vector3 Vec3 Point3f Vector3f Color3f array tensor asarray list tuple Tensor as_tensor",
+        "rgb RGB vec3 float3 color Color color3f Vector Vector3 Vec3 Point3f Vector3f Color3f",
+        "[$v]",
+        "values side by side are an array",
+    ),
+    row(
+        Place::Call,
+        "rgba vec2 vec4 float2 float4 array tensor asarray list tuple Tensor as_tensor",
         "[$*]",
         "values side by side are an array",
     ),
@@ -161,12 +168,23 @@ pub const TABLE: &[Row] = &[
         "$1",
         "every material has two sides; `one_sided(…)` takes one away",
     ),
+    row(
+        Place::Call,
+        "emissive emission",
+        "area(NAME, radiance: $1)",
+        "what shines is a light, whose mesh may have a `material`",
+    ),
     row(Place::Call, "glass", "dielectric(ior: 1.5)", ""),
     row(Place::Call, "roughdielectric rough_dielectric", "dielectric(ior: 1.5, roughness: 0.3)", ""),
     row(Place::Call, "thindielectric window", "thin_dielectric()", ""),
     row(Place::Name, "True TRUE yes on", "true", ""),
     row(Place::Name, "False FALSE no off", "false", ""),
-    row(Place::Name, "None null nil undefined NULL nullptr Null", "none", ""),
+    row(
+        Place::Name,
+        "None none null nil undefined NULL nullptr Null",
+        "",
+        "there is no empty value; of a field or argument, leave it out",
+    ),
     row(Place::Name, "PI M_PI Pi", "pi", ""),
     row(Place::Name, "inf Infinity infinity INFINITY", "1e9", "there is no infinite number; write a large one"),
     row(Place::Method, "map", "[$1(x) for x in $<]", "functions are applied by a comprehension"),
@@ -200,12 +218,32 @@ pub fn is_string_prefix(word: &str) -> bool {
 
 /// The help for a foreign spelling: why, and the text to type.
 pub fn help(place: Place, spelling: &str, around: &Around) -> Option<String> {
+    let mut around = around.clone();
+    // `map(xs, x => 2 * x)`: the function comes first in some languages, the array in others.
+    if let ("map" | "filter", [a, b]) = (spelling, around.arguments.as_mut_slice())
+        && (b.contains("=>") || b.trim_start().starts_with("lambda "))
+        && !a.contains("=>")
+    {
+        std::mem::swap(a, b);
+    }
+    // A number that was read from a file or a command line, elsewhere.
+    if let (Place::Call, "int" | "Int" | "float" | "Float", [text]) = (place, spelling, around.arguments.as_mut_slice())
+        && let Some(number) = text.trim().strip_prefix('"').and_then(|t| t.strip_suffix('"'))
+        && number.parse::<f64>().is_ok()
+    {
+        return Some(format!("write `{number}`"));
+    }
+    let around = &around;
     let text = |row: &&Row| {
         (row.place == place && row.spellings.split(' ').any(|s| s == spelling)).then(|| fill(row.write, around))?
     };
     let row = TABLE.iter().find(|row| text(row).is_some())?;
     let typed = inlined(row.write, around).or_else(|| text(&row))?;
-    Some(if row.why.is_empty() { format!("write `{typed}`") } else { format!("{}: `{typed}`", row.why) })
+    Some(match (row.why, typed.as_str()) {
+        ("", _) => format!("write `{typed}`"),
+        (why, "") => why.to_owned(),
+        (why, _) => format!("{why}: `{typed}`"),
+    })
 }
 
 /// A template that calls its first argument, `$1(x)`, if that is a function value, `x => 2 * x`: with its body in place of the call.
@@ -242,7 +280,12 @@ fn fill(template: &str, around: &Around) -> Option<String> {
         let value = match what {
             '<' => present(around.before)?,
             '>' => present(around.behind)?,
-            '*' => {
+            'v' if let [one] = around.arguments.as_slice()
+                && one.trim().parse::<f64>().is_ok() =>
+            {
+                [one.trim(); 3].join(", ")
+            }
+            '*' | 'v' => {
                 // `array([1, 2])` has its brackets.
                 if let ([one], true) = (around.arguments.as_slice(), out.ends_with('['))
                     && one.trim_start().starts_with('[')
@@ -278,6 +321,14 @@ pub fn field(name: &str, known: &[&str]) -> Option<&'static str> {
         "color" | "colour" => &["reflectance", "base_color", "radiance", "intensity", "irradiance", "diffuse"],
         "ks" | "specular_reflectance" => &["specular", "reflectance"],
         "alpha" => &["roughness", "opacity"],
+        "eta" | "int_ior" | "refractive_index" | "index_of_refraction" | "n" => &["ior"],
+        "dim" | "dims" | "axes" => &["axis"],
+        "clearcoat" | "clearcoat_weight" | "coat_weight" => &["coat"],
+        "clearcoat_roughness" => &["coat_roughness"],
+        "anisotropic" | "anisotropy_strength" => &["anisotropy"],
+        "anisotropy_rotation" => &["turn"],
+        "bump" | "bump_map" | "height_map" => &["heights"],
+        "mask" | "weights" => &["weight"],
         "glossiness" | "shininess" | "exponent" => &["roughness"],
         "normal" | "normal_texture" | "map" | "texture" => &["normals"],
         "opacity_map" | "alpha_map" | "coverage" | "transparency" => &["opacity"],
@@ -360,6 +411,25 @@ pub fn light_with(argument: &str) -> Option<&'static str> {
     })
 }
 
+/// Functions of another thing under a name that is taken here: the name, the type of its first argument, and what to write.
+const INSTEAD: &[(&str, &str, &str, &str)] = &[
+    ("mix", "material", "blend($1, $2, weight: $3)", "materials are blended"),
+    ("mix", "material", "blend($1, $2, weight: 0.5)", "materials are blended"),
+    ("translate", "scalar", "translation([$1, $2, $3])", "a transform without a mesh has another name"),
+    ("translate", "vec3", "translation($1)", "a transform without a mesh has another name"),
+    ("scale", "scalar", "scaling([$1, $2, $3])", "a transform without a mesh has another name"),
+    ("scale", "scalar", "scaling($1)", "a transform without a mesh has another name"),
+    ("scale", "vec3", "scaling($1)", "a transform without a mesh has another name"),
+    ("rotate", "vec3", "rotation($1, $2)", "a rotation without a mesh has another name"),
+    ("rotate", "rotation", "$1 @ NAME", "what is turned is missing"),
+];
+
+/// What to write instead of a call of `function` whose first argument is of the type `first`, which it does not take.
+pub fn instead(function: &str, first: &str, around: &Around) -> Option<String> {
+    let known = |row: &&(&str, &str, &str, &str)| row.0 == function && row.1 == first;
+    INSTEAD.iter().filter(known).find_map(|(.., write, why)| Some(format!("{why}: `{}`", fill(write, around)?)))
+}
+
 /// The function around a material that says what elsewhere an argument of the material does.
 pub fn around_material(argument: &str) -> Option<&'static str> {
     Some(match argument.to_lowercase().as_str() {
@@ -408,11 +478,15 @@ pub fn function(name: &str) -> Option<&'static str> {
         "envmap" | "environment_map" | "infinite" | "ibl" => "environment",
         "emitter" | "area_light" | "arealight" => "area",
         "sun" | "distant" => "directional",
+        "ambient" | "ambient_light" | "ambientlight" | "hemisphere" => "constant",
         "pointlight" | "point_light" | "goniometric" | "projector" | "ies" => "point",
         "load_ies" | "read_ies" | "ies_profile" | "photometry" => "load_profile",
         "perspective" | "sensor" | "pinhole" => "camera",
         "obj" | "ply" | "load_mesh" | "load_obj" | "import_mesh" => "load",
         "imread" | "read_image" | "open" => "load_image",
+        "load_csv" | "read_csv" | "loadtxt" | "genfromtxt" | "read_table" => "load_table",
+        "load_npy" | "read_npy" | "fromfile" => "load_array",
+        "read_json" => "load_json",
         "bitmap" | "image_texture" => "texture",
         "gaussian" | "gaussian_blur" => "blur",
         "average" | "avg" => "mean",
@@ -498,7 +572,7 @@ pub fn type_name(name: &str) -> Option<&'static str> {
 
 /// What the language will have and this version has not.
 pub fn is_planned(name: &str) -> bool {
-    const FUNCTIONS: &str = "emissive decimate unwrap medium";
+    const FUNCTIONS: &str = "decimate unwrap medium";
     FUNCTIONS.split_whitespace().any(|planned| planned == name)
 }
 

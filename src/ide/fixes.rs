@@ -51,6 +51,10 @@ pub fn fixes(analysis: &Analysis, diagnostic: &Diagnostic, loader: &(dyn Loader 
     let mut found: Vec<Fix> = Vec::new();
     for help in &diagnostic.helps {
         for typed in quoted(help) {
+            if typed.starts_with("import ") && diagnostic.code == "dscene::name::unknown" {
+                found.extend(imported(analysis, typed));
+                continue;
+            }
             found.extend(mended(analysis, diagnostic, blamed, typed, loader));
         }
     }
@@ -294,10 +298,14 @@ fn import(analysis: &Analysis, offset: usize) -> Option<Fix> {
         syntax::parse(&sources, source).0.statements.iter().any(|s| s.declares() == Some(text))
     };
     let mut modules = crate::check::library_modules().filter(|(_, is_prelude)| !is_prelude).map(|(name, _)| name);
-    let module = modules.find(declares)?;
+    imported(analysis, &format!("import std.{}", modules.find(declares)?))
+}
+
+/// An import behind the others, or at the top.
+fn imported(analysis: &Analysis, line: &str) -> Option<Fix> {
+    let known = &analysis.known;
     let statements = known.trees.get(&known.main)?;
     let mut imports = statements.iter().filter(|s| matches!(s.kind, StatementKind::Import(_)));
-    let line = format!("import std.{module}");
     Some(match imports.next_back() {
         Some(last) => {
             let at = last.span.end as usize;

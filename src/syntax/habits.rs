@@ -50,6 +50,7 @@ pub fn find(text: &str, at: usize, declared: &dyn Fn(&str) -> bool) -> Option<Ha
         .or_else(|| stop.record())
         .or_else(|| stop.word())
         .or_else(|| stop.operator())
+        .or_else(|| stop.side_by_side())
         .or_else(|| stop.equals())
         .or_else(|| stop.braces())
         .or_else(|| stop.quotes())
@@ -205,6 +206,22 @@ impl<'a> Stop<'a> {
             let help = format!("write `to {}`", expression_after(self.text, self.at + 2));
             return habit(self.at, self.at + 2, "expected `to`, but found `as`", "expected `to`", help);
         }
+        if here == "in" && self.first() == "let" && open_bracket(self.text, self.at).is_none() {
+            let left = operand_before(self.text, self.at);
+            let right = expression_after(self.text, self.at + 2);
+            let (label, help) = if right.contains("..") {
+                let declared = self.before().trim_start().strip_prefix("let ")?.trim_start();
+                (
+                    "a value has no bounds",
+                    format!("what moves between bounds is a param: `param {declared} in {right}`"),
+                )
+            } else if left.is_empty() || right.is_empty() {
+                return None;
+            } else {
+                ("not an operator", format!("count what is equal: `len([x for x in {right} if x == {left}]) > 0`"))
+            };
+            return habit(self.at, self.at + 2, "`in` does not fit here", label, help);
+        }
         if matches!(here, "elif" | "elsif" | "elseif") {
             return habit(
                 self.at,
@@ -257,6 +274,23 @@ impl<'a> Stop<'a> {
         None
     }
 
+    /// `film: 64, 64`: numbers without brackets as the value of a field or argument.
+    fn side_by_side(&self) -> Option<Habit> {
+        let is_part = |c: char| c.is_ascii_digit() || matches!(c, '.' | '-' | ',' | ' ' | '_');
+        let lead = self.before().strip_suffix(',')?;
+        let start = lead.trim_end_matches(is_part).len();
+        lead[..start].ends_with(':').then_some(())?;
+        let rest = self.rest();
+        let length = rest.find(|c| !is_part(c)).unwrap_or(rest.len());
+        let end = self.at + rest[..length].trim_end_matches([',', ' ']).len();
+        let skipped = self.text.get(start..)?.len() - self.text.get(start..)?.trim_start().len();
+        let numbers = self.text.get(start + skipped..end)?;
+        let parts: Vec<&str> = numbers.split(',').map(str::trim).collect();
+        let all = parts.len() > 1 && parts.iter().all(|number| number.parse::<f64>().is_ok());
+        let help = format!("write `[{}]`", parts.join(", "));
+        all.then(|| habit(start + skipped, end, "several numbers are one value in brackets", "an array", help))?
+    }
+
     /// A single `=` where none can stand.
     fn equals(&self) -> Option<Habit> {
         // `fov = 45deg`: the parser stops at the word.
@@ -277,6 +311,12 @@ impl<'a> Stop<'a> {
         let is_name = !left.is_empty() && left.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_');
         let lead = self.text.get(..at)?.trim_end().strip_suffix(left)?.trim_end();
         let message = "`=` does not fit here";
+        let digits = left.bytes().take_while(u8::is_ascii_digit).count();
+        if digits > 0 && is_name && digits < left.len() && statement_words().any(|word| word == lead) {
+            let start = lead.len() + self.text.get(lead.len()..)?.find(left)?;
+            let help = format!("write `{}{}`", &left[digits..], &left[..digits]);
+            return habit(start, start + left.len(), "a name begins with a letter", "begins with a digit", help);
+        }
         if lead.is_empty() {
             let (base, field) = left.split_once('.').unwrap_or((left, ""));
             let help = if !field.is_empty() {

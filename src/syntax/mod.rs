@@ -15,6 +15,7 @@ pub use scan::{KINDS, declared_name, is_blank, is_incomplete, is_reserved, state
 
 use pest::Parser;
 use pest::iterators::Pair;
+use rayon::prelude::*;
 
 use crate::diag::{self, Diagnostic, Severity};
 use crate::source::{SourceId, SourceMap, Span};
@@ -28,48 +29,95 @@ const MAX_DIAGNOSTICS: usize = 100;
 pub fn parse(sources: &SourceMap, source: SourceId) -> (ast::File, Vec<Diagnostic>) {
     let Some(file) = sources.get(source) else { return (ast::File::default(), Vec::new()) };
     let scan = scan::scan(source, &file.text);
-    let (tree, diagnostics) = read(source, &scan, &mut |_, _| ());
+    let (tree, diagnostics) = read(source, &scan, None);
     file.set_outline(&scan.text, tree.statements.iter().map(|s| (s.span, s.label())));
     (tree, diagnostics)
 }
 
-/// Reads the statements of a scanned text; `visit` gets the pairs of those before the first error, and where
-/// their text begins.
-fn read(source: SourceId, scan: &scan::Scan, visit: &mut dyn FnMut(usize, Pair<Rule>)) -> (ast::File, Vec<Diagnostic>) {
+/// What became of the text of one statement.
+struct Read {
+    /// The statement, or where and why the parser stopped.
+    statement: Result<Option<ast::StatementKind>, Box<pest::error::Error<Rule>>>,
+    diagnostics: Vec<Diagnostic>,
+    unread: Vec<String>,
+}
+
+/// Is shown the pairs of a statement, and where its text begins.
+type Visit<'v> = dyn FnMut(usize, Pair<Rule>) + 'v;
+
+/// Reads one statement; `visit` is shown it if nothing is wrong with it.
+fn read_statement(source: SourceId, text: &str, start: usize, visit: &mut Visit) -> Read {
+    let (mut diagnostics, mut unread) = (Vec::new(), Vec::new());
+    let statement = match Grammar::parse(Rule::statement, text) {
+        Ok(mut pairs) => Ok(pairs.next().and_then(|pair| {
+            let (diagnostics, unread) = (&mut diagnostics, &mut unread);
+            let mut builder = Builder { source, offset: start, level: 0, diagnostics, unread };
+            let kind = builder.statement(pair.clone())?;
+            if !builder.diagnostics.iter().any(Diagnostic::is_error) {
+                visit(start, pair);
+            }
+            Some(kind)
+        })),
+        Err(error) => Err(Box::new(error)),
+    };
+    Read { statement, diagnostics, unread }
+}
+
+/// Texts of fewer bytes are read by one thread: the others would have to be woken.
+const LONG: usize = 1 << 16;
+
+/// Reads all statements, each for itself: those of a long text in parallel, unless they are shown to `visit`, one after another up to the first
+/// error.
+fn read_each(source: SourceId, scan: &scan::Scan, visit: Option<&mut Visit>) -> Vec<Option<Read>> {
+    let read = |piece: &scan::Piece, visit: &mut Visit| {
+        let text = scan.text.get(piece.start..piece.end).filter(|_| !piece.broken)?;
+        Some(read_statement(source, text, piece.start, visit))
+    };
+    let Some(visit) = visit else {
+        let alone = |piece: &scan::Piece| read(piece, &mut |_, _| ());
+        return match scan.text.len() < LONG {
+            true => scan.pieces.iter().map(alone).collect(),
+            false => scan.pieces.par_iter().with_min_len(64).map(alone).collect(),
+        };
+    };
+    let mut fine = !scan.diagnostics.iter().any(Diagnostic::is_error);
+    let shown = |piece: &scan::Piece| {
+        let read = if fine { read(piece, visit) } else { read(piece, &mut |_, _| ()) };
+        fine &= read.as_ref().is_some_and(|r| r.statement.is_ok() && !r.diagnostics.iter().any(Diagnostic::is_error));
+        read
+    };
+    scan.pieces.iter().map(shown).collect()
+}
+
+/// Reads the statements of a scanned text. Those before the first error are shown to `visit`.
+fn read(source: SourceId, scan: &scan::Scan, visit: Option<&mut Visit>) -> (ast::File, Vec<Diagnostic>) {
     let mut diagnostics = scan.diagnostics.clone();
     let mut tree = ast::File::default();
-    for piece in &scan.pieces {
+    for (piece, read) in scan.pieces.iter().zip(read_each(source, scan, visit)) {
         let Some(text) = scan.text.get(piece.start..piece.end) else { continue };
         let statements = tree.statements.len();
-        if piece.broken || diagnostics.len() > MAX_DIAGNOSTICS {
-            tree.unread.extend(scan::declared_name(text).map(str::to_owned));
-            continue;
-        }
         let span = Span::new(source, piece.start, piece.end);
         let is_within = |d: &Diagnostic| d.span().is_some_and(|s| span.start <= s.start && s.start < span.end);
         let was_told = diagnostics.iter().any(is_within);
-        match Grammar::parse(Rule::statement, text) {
-            Ok(mut pairs) => {
-                let unread = &mut tree.unread;
-                let mut builder =
-                    Builder { source, offset: piece.start, level: 0, diagnostics: &mut diagnostics, unread };
-                let Some(pair) = pairs.next() else { continue };
-                if let Some(kind) = builder.statement(pair.clone()) {
-                    tree.statements.push(ast::Statement { kind, doc: piece.doc.clone(), span });
-                    if !diagnostics.iter().any(Diagnostic::is_error) {
-                        visit(piece.start, pair);
-                    }
+        if let Some(read) = read.filter(|_| diagnostics.len() <= MAX_DIAGNOSTICS) {
+            diagnostics.extend(read.diagnostics);
+            tree.unread.extend(read.unread);
+            match read.statement {
+                Ok(kind) => {
+                    let doc = piece.doc.clone();
+                    tree.statements.extend(kind.map(|kind| ast::Statement { kind, doc, span }));
                 }
-            }
-            // It is the cause. A comment that was meant to divide is no mere warning where it cuts a statement short.
-            Err(_) if was_told => {
-                diagnostics.iter_mut().filter(|d| is_within(d)).for_each(|d| d.severity = Severity::Error);
-            }
-            Err(error) => {
-                let declared = |name: &str| {
-                    tree.unread.iter().any(|n| n == name) || tree.statements.iter().any(|s| s.declares() == Some(name))
-                };
-                diagnostics.push(errors::explain(&error, text, source, piece.start, &declared));
+                // It is the cause. A comment that was meant to divide is no mere warning where it cuts a statement short.
+                Err(_) if was_told => {
+                    diagnostics.iter_mut().filter(|d| is_within(d)).for_each(|d| d.severity = Severity::Error);
+                }
+                Err(error) => {
+                    let declared = |name: &str| {
+                        tree.unread.iter().any(|n| n == name)
+                            || tree.statements.iter().any(|s| s.declares() == Some(name))
+                    };
+                    diagnostics.push(errors::explain(&error, text, source, piece.start, &declared));
+                }
             }
         }
         if tree.statements.len() == statements {

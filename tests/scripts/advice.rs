@@ -34,6 +34,93 @@ const ROWS: &[Row] = &[
     ("let a = 45degrees", "45degrees", "45deg", "let a = 45deg"),
     ("let a = sin(radians(45))", "radians", "45 * 1deg", "let a = sin(45 * 1deg)"),
     ("let a = degrees(atan2(1, 2))", "degrees", "atan2(1, 2) / 1deg", "let a = atan2(1, 2) / 1deg"),
+    ("param b = 45deg in 0..90", "0..90", "0deg..90deg", "param b = 45deg in 0deg..90deg"),
+    ("let k = [0, 45deg, 0]", "0, 45deg, 0", "0deg, 45deg, 0deg", "let k = [0deg, 45deg, 0deg]"),
+    // Arguments in another order, side by side, without their name, or of another function.
+    (
+        "material m = blend(0.5, diffuse(), mirror())",
+        "0.5, diffuse(), mirror()",
+        "diffuse(), mirror(), 0.5",
+        "material m = blend(diffuse(), mirror(), 0.5)",
+    ),
+    (
+        "material m = mix(diffuse(), mirror(), 0.3)",
+        "diffuse()",
+        "blend(diffuse(), mirror(), weight: 0.3)",
+        "material m = blend(diffuse(), mirror(), weight: 0.3)",
+    ),
+    (
+        "material m = mix(diffuse(), mirror())",
+        "diffuse()",
+        "blend(diffuse(), mirror(), weight: 0.5)",
+        "material m = blend(diffuse(), mirror(), weight: 0.5)",
+    ),
+    ("let a = translate(cube(), 0, 1, 0)", "0, 1, 0", "[0, 1, 0]", "let a = translate(cube(), [0, 1, 0])"),
+    ("let a = translate(0, 1, 0)", "0", "translation([0, 1, 0])", "let a = translation([0, 1, 0])"),
+    ("let a = translate(v)", "v", "translation(v)", "let a = translation(v)"),
+    ("let a = scale(2)", "2", "scaling(2)", "let a = scaling(2)"),
+    (
+        "let a = rotate(cube(), quaternion(1, 0, 0, 0))",
+        "quaternion(1, 0, 0, 0)",
+        "by: quaternion(1, 0, 0, 0)",
+        "let a = rotate(cube(), by: quaternion(1, 0, 0, 0))",
+    ),
+    ("let a = render(eye, 16)", "16", "spp: 16", "let a = render(eye, spp: 16)"),
+    ("let a = render(eye, spp: \"4\")", "\"4\"", "4", "let a = render(eye, spp: 4)"),
+    (
+        "optimize fit { using: adam(lr: step => 0.1 / (step + 1)), steps: 3 }",
+        "step => 0.1 / (step + 1)",
+        "0.1 / (step + 1)",
+        "optimize fit { using: adam(lr: 0.1 / (step + 1)), steps: 3 }",
+    ),
+    (
+        "camera k { position: [0, 4, 0], look_at: [0, 0, 0], up: [0, 1, 0] }",
+        "[0, 1, 0]",
+        "up: [0, 0, 1]",
+        "camera k { position: [0, 4, 0], look_at: [0, 0, 0], up: [0, 0, 1] }",
+    ),
+    ("camera k { fov: 40deg, film: 64, 64 }", "64, 64", "[64, 64]", "camera k { fov: 40deg, film: [64, 64] }"),
+    // Names of other libraries for what is here.
+    ("material m = dielectric(eta: 1.5)", "eta", "ior", "material m = dielectric(ior: 1.5)"),
+    ("let a = mean([[1, 2]], dim: 0)", "dim", "axis", "let a = mean([[1, 2]], axis: 0)"),
+    ("let a = mse(v, v, mask: v)", "mask", "weight", "let a = mse(v, v, weight: v)"),
+    ("light l = ambient(1)", "ambient", "constant", "light l = constant(1)"),
+    ("light l = emissive(3)", "emissive", "area(NAME, radiance: 3)", "light l = area(cube(), radiance: 3)"),
+    ("let a = load_csv", "load_csv", "load_table", "let a = load_table"),
+    (
+        "material m = principled(roughness: 0.4, clearcoat_roughness: 0.1)",
+        "clearcoat_roughness",
+        "coated(principled(roughness: 0.4), coat_roughness: 0.1)",
+        "material m = coated(principled(roughness: 0.4), coat_roughness: 0.1)",
+    ),
+    (
+        "shape glass { mesh: cube(), material: glass() }",
+        "glass",
+        "dielectric(ior: 1.5)",
+        "shape glass { mesh: cube(), material: dielectric(ior: 1.5) }",
+    ),
+    (
+        "let b = lamp with { power: 3 }",
+        "power",
+        "lamp with { lamp.radiance: 3 }",
+        "let b = lamp with { lamp.radiance: 3 }",
+    ),
+    (
+        "shape f = studio.floor()",
+        "studio",
+        "import std.studio as studio",
+        "import std.studio as studio\nshape f = studio.floor()",
+    ),
+    ("import studio", "studio", "std.studio", "import std.studio"),
+    // What is no value, and names that are none.
+    ("material m = diffuse(reflectance: None)", "None", "", "material m = diffuse()"),
+    ("material m = diffuse(reflectance: none)", "none", "", "material m = diffuse()"),
+    ("let 3d = 3", "3d", "d3", "let d3 = 3"),
+    ("let a = 3 in v", "in", "len([x for x in v if x == 3]) > 0", "let a = len([x for x in v if x == 3]) > 0"),
+    ("let a = 1 in 0..3", "in", "param a = 1 in 0..3", "param a = 1 in 0..3"),
+    ("let a = vec3(1.0)", "vec3", "[1.0, 1.0, 1.0]", "let a = [1.0, 1.0, 1.0]"),
+    ("let a = map(v, x => 2 * x)", "map", "[2 * x for x in v]", "let a = [2 * x for x in v]"),
+    ("let a = int(\"3\")", "int", "3", "let a = 3"),
     // Lights by profiles.
     (
         "light l = spot(position: v, direction: [0, -1, 0], profile: image([[1]]))",
@@ -404,8 +491,9 @@ fn editors_type_what_a_help_says() {
     let mut failures = Vec::new();
     // A text with a gap is nothing to type; a file that is not there is still wrong, and so is a number where a size belongs.
     let is_typed = |typed: &str| !["…", "NAME", "a..b"].iter().any(|gap| typed.contains(gap));
-    // `1,000` becomes `1000`, which is right too.
-    let is_last = |wrong: &str| !["wood.png", "width: 64", "1,000"].iter().any(|more| wrong.contains(more));
+    // `1,000` becomes `1000`, which is right too; an import stands before all that the script has.
+    let is_last =
+        |wrong: &str| !["wood.png", "width: 64", "1,000", "studio.floor"].iter().any(|more| wrong.contains(more));
     let typed = ROWS.iter().filter(|(wrong, _, typed, _)| is_typed(typed) && is_last(wrong));
     for (wrong, _, typed, mended) in typed.filter(|row| !row.3.is_empty()) {
         let found = fixed(wrong, mended);

@@ -166,7 +166,10 @@ loss fit = mse(render(small), target)",
         name: "empty_bounds",
         prelude: "",
         script: "param a = 0.5 in 1..0\nparam turn = 10deg in 0..90",
-        wanted: &[("dscene::type::bounds", "1..0", "lo < hi"), ("dscene::type::bounds", "0", "write `0deg`")],
+        wanted: &[
+            ("dscene::type::bounds", "1..0", "lo < hi"),
+            ("dscene::type::bounds", "0..90", "write `0deg..90deg`"),
+        ],
     },
     Case {
         name: "wrong_reader",
@@ -193,7 +196,7 @@ loss fit = mse(render(small), target)",
         script: "import \"lib/nothing.dscene\"\nimport std.studoi",
         wanted: &[
             ("dscene::import::missing", "import \"lib/nothing.dscene\"", ""),
-            ("dscene::import::missing", "import std.studoi", "`std.studio`"),
+            ("dscene::import::missing", "std.studoi", "`std.studio`"),
         ],
     },
     Case {

@@ -43,6 +43,67 @@ fn commands_that_are_proposed_are_quoted() {
     assert!(stderr(&output).contains("cannot write"), "{}", stderr(&output));
 }
 
+/// Data from elsewhere has names that are none of the language.
+#[test]
+fn fields_of_loaded_records_may_be_named_in_quotes() {
+    let place = Place::new();
+    place.write("shot.json", r#"{ "exposure time": 0.25, "lens": { "f-number": 2.8 }, "3d": [1, 2] }"#);
+    let script = "let shot = load_json(\"shot.json\")\nprint shot[\"exposure time\"] * 4 + shot.lens[\"f-number\"] + shot[\"3d\"][1]\n";
+    place.write("a.dscene", script);
+    let output = place.dsl(&["run", "a.dscene", "--out", "r", "--quiet"]);
+    assert_eq!(stdout(&output).trim(), "5.8", "{}", stderr(&output));
+    // A layout keeps them.
+    let laid_out = place.command(&["fmt", "-"]).write_stdin(script).output().unwrap();
+    assert_eq!(stdout(&laid_out), script);
+    // The name that is not there is told with those that are.
+    place.write("b.dscene", "let shot = load_json(\"shot.json\")\nprint shot[\"exposure\"]\n");
+    let output = place.dsl(&["run", "b.dscene", "--out", "s", "--quiet"]);
+    assert_code(&output, 1);
+    assert!(stderr(&output).contains("exposure time"), "{}", stderr(&output));
+    // Names of a record that is known stand behind a dot.
+    place.write("c.dscene", "let r = { n: 1 }\nprint r[\"n\"]\n");
+    assert!(stderr(&place.dsl(&["check", "c.dscene"])).contains("`r.n`"));
+}
+
+/// What cannot be read of an imported file is told where it stands, and not again where it is missing.
+#[test]
+fn mistakes_of_an_imported_file_are_told_once() {
+    let place = Place::new();
+    place.write("lib.dscene", "let a = = 3\nlet b = 2\n");
+    place.write("main.dscene", "import \"lib.dscene\" as lib\nprint lib.a + lib.b\n");
+    let output = place.dsl(&["check", "main.dscene"]);
+    assert_code(&output, 1);
+    assert!(
+        stderr(&output).matches(" × ").count() == 1 && stderr(&output).contains("lib.dscene:1:9"),
+        "{}",
+        stderr(&output)
+    );
+    place.write("other.dscene", "import studio\nshape f = studio.floor()\n");
+    assert_eq!(stderr(&place.dsl(&["check", "other.dscene"])).matches(" × ").count(), 1);
+}
+
+/// Whether a file can hold a value is known before hours are spent on it.
+#[test]
+fn values_that_a_file_cannot_hold_are_refused_before_the_run() {
+    let place = Place::new();
+    for (value, ending, fits) in [
+        ("[[[1, 2], [3, 4]]]", "csv", false),
+        ("[[[1, 2], [3, 4]]]", "npy", true),
+        ("[[1, 2], [3, 4]]", "csv", true),
+        ("[[[[1, 2], [3, 4]]]]", "png", false),
+        ("[[[1, 2, 3, 4, 5]]]", "exr", false),
+        ("{ a: 1, b: [1, 2] }", "csv", false),
+        ("{ a: [3, 4], b: [\"x\", \"y\"] }", "csv", true),
+    ] {
+        place.write("a.dscene", &format!("let a = {value}\nsave a to \"a.{ending}\"\n"));
+        let output = place.dsl(&["check", "a.dscene"]);
+        assert_code(&output, if fits { 0 } else { 1 });
+        if fits {
+            assert_code(&place.dsl(&["run", "a.dscene", "--out", "r", "--force", "--quiet"]), 0);
+        }
+    }
+}
+
 /// A file of another kind is told as a whole, with what can be done with it: on the command line and where it is imported.
 #[test]
 fn files_of_other_kinds_are_told_once() {

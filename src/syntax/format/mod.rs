@@ -56,7 +56,7 @@ fn errors(diagnostics: Vec<Diagnostic>) -> Vec<Diagnostic> {
 fn laid_out(source: SourceId, text: &str, scan: &Scan, printer: &mut Printer) -> Vec<Diagnostic> {
     let mut layout = Layout { cursor: Cursor::new(text, scan), offset: 0 };
     let mut docs: Vec<Doc> = Vec::new();
-    let (_, diagnostics) = read(source, scan, &mut |start, pair: Pair<Rule>| {
+    let mut visit = |start: usize, pair: Pair<Rule>| {
         layout.offset = start;
         layout.cursor.trailing(&mut docs);
         docs.push(Doc::Fresh);
@@ -66,7 +66,8 @@ fn laid_out(source: SourceId, text: &str, scan: &Scan, printer: &mut Printer) ->
         }
         printer.print(&docs);
         docs.clear();
-    });
+    };
+    let (_, diagnostics) = read(source, scan, Some(&mut visit));
     layout.cursor.rest(&mut docs);
     docs.push(Doc::Fresh);
     printer.print(&docs);

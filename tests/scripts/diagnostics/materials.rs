@@ -12,10 +12,10 @@ material b = plastic(diffuse: 0.5, bump: image([[0, 1]]))
 material c = diffuse(opacity: 0.5)
 material d = conductor(roughness: 0.2, anisotropy: 0.5)",
         wanted: &[
-            ("dscene::call::unknown_argument", "clearcoat", "`coated(principled(…), …)`"),
-            ("dscene::call::unknown_argument", "bump", "`bump(plastic(…), …)`"),
-            ("dscene::call::unknown_argument", "opacity", "`mask(diffuse(…), …)`"),
-            ("dscene::call::unknown_argument", "anisotropy", "`brushed(conductor(…), …)`"),
+            ("dscene::call::unknown_argument", "clearcoat", "`coated(principled(base_color: 0.5), coat: 1)`"),
+            ("dscene::call::unknown_argument", "bump", "`bump(plastic(diffuse: 0.5), heights: image([[0, 1]]))`"),
+            ("dscene::call::unknown_argument", "opacity", "`mask(diffuse(), opacity: 0.5)`"),
+            ("dscene::call::unknown_argument", "anisotropy", "`brushed(conductor(roughness: 0.2), anisotropy: 0.5)`"),
         ],
     },
     Case {

@@ -1,0 +1,433 @@
+//! What is said about arguments that do not fit: names that nothing has, values in each other's place or of another type, what is missing.
+
+use super::call::{Given, Matching, Site, plural};
+use super::hir::{DeclId, ExprKind};
+use super::infer::Typed;
+use super::kinds::with_article;
+use super::modules::{Checker, SigParam, Signature};
+use super::signature::{Const, Sig, fits};
+use super::types::Ty;
+use crate::diag::{Diagnostic, advice, did_you_mean};
+use crate::source::Span;
+use crate::syntax::ast::{self, StatementKind};
+
+/// Most arguments that are tried in every order.
+const MOST_ORDERED: usize = 4;
+
+impl Checker<'_> {
+    /// Reports a positional argument after a named one; it was probably meant for the parameter `slot`.
+    pub fn report_disorder(&mut self, arg: &Given, slot: Option<&str>) {
+        let text = self.sources.text(arg.value.span);
+        let help = match slot {
+            Some(slot) => format!("give it a name, or move it to the front: `{slot}: {text}`"),
+            None => "leave it out: all arguments have a value".to_owned(),
+        };
+        self.diagnostics.push(
+            Diagnostic::error("dscene::call::order", "positional arguments come before named ones")
+                .label(arg.value.span, "has no name")
+                .help(help),
+        );
+    }
+
+    fn report_one_too_many(&mut self, signature: &Signature, given: &[Given], extra: &Typed, site: Site, id: DeclId) {
+        let (n, given) = (signature.params.len(), given.len());
+        let shown = self.show_signature(id, signature);
+        self.diagnostics.push(
+            Diagnostic::error(
+                "dscene::call::count",
+                format!("`{}` takes {n} argument{}, not {given}", site.name, plural(n)),
+            )
+            .label(extra.expr.span, "one too many")
+            .help(format!("it is `{shown}`")),
+        );
+    }
+
+    /// Reports a name that no parameter has; returns the parameter that it was probably meant for.
+    pub fn report_unknown_argument(
+        &mut self,
+        params: &[SigParam],
+        name: &ast::Name,
+        given: &[Given],
+        site: Site,
+    ) -> Option<usize> {
+        let known: Vec<&str> = params.iter().map(|p| p.name.as_str()).collect();
+        let foreign = advice::field(&name.text, &known);
+        if foreign.is_none() && advice::is_planned(&name.text) {
+            self.diagnostics.push(advice::unavailable(&name.text, name.span));
+            return None;
+        }
+        let near = foreign.or_else(|| crate::diag::suggest(&name.text, known.iter().copied()));
+        let meant = params.iter().position(|p| Some(p.name.as_str()) == near);
+        let what = format!("its {}s are", site.noun());
+        let around = advice::around_material(&name.text);
+        let around = around.filter(|_| super::fields::materials().any(|(constructor, _)| constructor == site.name));
+        let help = match (foreign, around) {
+            _ if let Some(help) = advice::of_light(site.name, &name.text) => Some(help.to_owned()),
+            (Some(field), _) => Some(format!("did you mean `{field}`?")),
+            (None, Some(function)) => Some(self.put_around(function, name, given, site)),
+            (None, None) => did_you_mean(&name.text, &what, known),
+        };
+        let (code, message) = if site.is_kind {
+            ("dscene::name::field", format!("{} has no field `{}`", with_article(site.name), name.text))
+        } else {
+            ("dscene::call::unknown_argument", format!("`{}` has no argument `{}`", site.name, name.text))
+        };
+        self.diagnostics
+            .push(Diagnostic::error(code, message).label(name.span, format!("unknown {}", site.noun())).help_opt(help));
+        meant
+    }
+
+    /// The function around a material that has the argument which the material has not, with all that was written.
+    fn put_around(&mut self, function: &str, name: &ast::Name, given: &[Given], site: Site) -> String {
+        let signature = self.builtin(function).and_then(|id| self.signature(id));
+        let known: Vec<&str> = signature.iter().flat_map(|s| &s.params).skip(1).map(|p| p.name.as_str()).collect();
+        let is_own = |known: &&&str| **known == name.text;
+        let own = known.iter().find(is_own).copied().or_else(|| advice::field(&name.text, &known));
+        let mut outer = "…".to_owned();
+        let mut inner: Vec<String> = Vec::new();
+        for arg in given {
+            let value = self.sources.text(arg.value.span);
+            match &arg.name {
+                Some(n) if n.span == name.span => outer = own.map_or(outer, |own| format!("{own}: {value}")),
+                Some(n) => inner.push(format!("{}: {value}", n.text)),
+                None => inner.push(value.to_owned()),
+            }
+        }
+        format!("`{function}` is put around a material: `{function}({}({}), {outer})`", site.name, inner.join(", "))
+    }
+
+    pub fn report_missing(&mut self, signature: &Signature, missing: &[usize], site: Site, id: DeclId) {
+        let params = &signature.params;
+        let names: Vec<String> = missing.iter().map(|i| format!("`{}`", params[*i].name)).collect();
+        let fields: Vec<String> = missing.iter().map(|i| format!("{}: …", params[*i].name)).collect();
+        let s = plural(missing.len());
+        let shown = self.show_signature(id, signature);
+        let help = if site.is_kind {
+            format!("add `{}`", fields.join(", "))
+        } else {
+            format!("add `{}`; it is `{shown}`", fields.join(", "))
+        };
+        self.diagnostics.push(
+            Diagnostic::error(
+                "dscene::call::missing",
+                format!("`{}` needs the {}{s} {}", site.name, site.noun(), names.join(", ")),
+            )
+            .label(site.span, format!("missing {}", names.join(", ")))
+            .help(help),
+        );
+    }
+
+    /// `area(mesh: mesh, radiance: color | texture = …)`
+    fn show_signature(&self, id: DeclId, signature: &Signature) -> String {
+        let param = |p: &SigParam| {
+            let optional = if p.has_default { "?" } else { "" };
+            format!("{}{optional}: {}", p.name, p.sig)
+        };
+        let params: Vec<String> = signature.params.iter().map(param).collect();
+        format!("{}({})", self.slot(id).name.text, params.join(", "))
+    }
+
+    /// Says what is wrong with arguments of types that their parameters do not take, with missing ones and with those that are too many. Where
+    /// arguments without names are wrong and others are missing or too many, that is one mistake, and one error.
+    pub fn report_arguments(
+        &mut self,
+        signature: &Signature,
+        given: &[Given],
+        matched: &Matching,
+        wrong: &[(usize, Typed)],
+        found: &[Option<Typed>],
+        (site, id): (Site, DeclId),
+    ) {
+        let is_unnamed = |param: usize| matched.by_parameter[param].is_some_and(|arg| given[arg].name.is_none());
+        let (unnamed, named): (Vec<_>, Vec<_>) = wrong.iter().partition(|(param, _)| is_unnamed(*param));
+        for (i, arg) in named {
+            self.report_argument(&signature.params[*i].sig, &signature.params[*i].name, arg, site);
+        }
+        let Some((first, arg)) = unnamed.first() else {
+            if let Some(extra) = matched.extra.first() {
+                self.report_one_too_many(signature, given, extra, site, id);
+            } else if !matched.missing.is_empty() {
+                self.report_missing(signature, &matched.missing, site, id);
+            }
+            return;
+        };
+        let value = |i: usize| match wrong.iter().find(|(param, _)| *param == i) {
+            Some((_, arg)) => Some(arg),
+            None => found[i].as_ref().filter(|_| is_unnamed(i)),
+        };
+        let values: Vec<&Typed> = (0..found.len()).map_while(value).chain(&matched.extra).collect();
+        // What a pipe gives stands before the call.
+        let inside =
+            values.iter().all(|v| v.expr.span.source == site.span.source && v.expr.span.start >= site.span.end);
+        if inside
+            && (self.report_order(signature, matched, &values, site)
+                || self.report_side_by_side(signature, &values, site))
+        {
+            return;
+        }
+        let param = &signature.params[*first];
+        let alone = unnamed.len() == 1 && matched.missing.is_empty() && matched.extra.is_empty();
+        let texts = || values.iter().map(|v| self.sources.text(v.expr.span)).collect();
+        let around = advice::Around { arguments: texts(), ..advice::Around::default() };
+        let head = values.first().map_or(&arg.expr.ty, |value| &value.expr.ty);
+        let help = match advice::instead(site.name, &head.to_string(), &around) {
+            Some(help) => Some(help),
+            None if alone => self.by_name(signature, matched, *first, arg),
+            None => None,
+        };
+        if alone || help.is_some() {
+            return self.report_argument_with(&param.sig, &param.name, arg, site, help);
+        }
+        if matched.missing.is_empty() && matched.extra.is_empty() {
+            for (i, arg) in unnamed {
+                self.report_argument(&signature.params[*i].sig, &signature.params[*i].name, arg, site);
+            }
+            return;
+        }
+        let help = format!("it is `{}`", self.show_signature(id, signature));
+        self.report_argument_with(&param.sig, &param.name, arg, site, Some(help));
+    }
+
+    /// Arguments without names in another order than the parameters'; whether that was it.
+    fn report_order(&mut self, signature: &Signature, matched: &Matching, values: &[&Typed], site: Site) -> bool {
+        let n = values.len();
+        if !matched.missing.is_empty() || !matched.extra.is_empty() || !(2..=MOST_ORDERED).contains(&n) {
+            return false;
+        }
+        let takes =
+            |param: usize, value: &Typed| signature.params[param].sig.accepts(&value.expr.ty, value.value.as_ref());
+        let Some(order) = permutations(n).find(|order| order.iter().enumerate().all(|(i, &j)| takes(i, values[j])))
+        else {
+            return false;
+        };
+        let moved = |i: &usize| order[*i] != *i;
+        let (Some(low), Some(high)) = ((0..n).find(moved), (0..n).rev().find(moved)) else { return false };
+        let names: Vec<String> = (low..=high).map(|i| format!("`{}`", signature.params[i].name)).collect();
+        let (message, label) = if high == low + 1 {
+            let label = format!("{} comes before {}", names[0], names[1]);
+            (format!("two arguments of `{}` stand in each other's place", site.name), label)
+        } else {
+            (
+                format!("the arguments of `{}` stand in another order", site.name),
+                format!("first {}", names.join(", then ")),
+            )
+        };
+        let typed: Vec<&str> = (low..=high).map(|i| self.sources.text(values[order[i]].expr.span)).collect();
+        let told = Diagnostic::error("dscene::type::mismatch", message)
+            .label(values[low].expr.span.to(values[high].expr.span), label)
+            .help(format!("write `{}`", typed.join(", ")));
+        self.diagnostics.push(told);
+        true
+    }
+
+    /// Numbers side by side where one vector of them is wanted, `translate(m, 0, 1, 0)`; whether that was it.
+    fn report_side_by_side(&mut self, signature: &Signature, values: &[&Typed], site: Site) -> bool {
+        let params = &signature.params;
+        for (first, length) in (0..values.len()).flat_map(|first| [(first, 3), (first, 2)]) {
+            let Some(numbers) = values.get(first..first + length) else { continue };
+            let vector = Ty::vector(length);
+            let is_vector =
+                |p: &SigParam| p.sig.accepts(&vector, None) && !matches!(p.sig, Sig::Any | Sig::Var(_) | Sig::Number);
+            if !numbers.iter().all(|v| v.expr.ty.is_scalar()) || !params.get(first).is_some_and(is_vector) {
+                continue;
+            }
+            let after = &values[first + length..];
+            let rest = params.get(first + 1..).unwrap_or_default();
+            let takes = |(param, value): (&SigParam, &&Typed)| param.sig.accepts(&value.expr.ty, value.value.as_ref());
+            let before = params.iter().zip(&values[..first]).all(takes);
+            if !before || after.len() > rest.len() || !rest.iter().zip(after).all(takes) {
+                continue;
+            }
+            let texts: Vec<&str> = numbers.iter().map(|v| self.sources.text(v.expr.span)).collect();
+            let (param, noun) = (&params[first], site.noun());
+            let message = format!(
+                "the {noun} `{}` of `{}` is one `{}`, found {length} numbers",
+                param.name, site.name, param.sig
+            );
+            let told = Diagnostic::error("dscene::type::mismatch", message)
+                .label(numbers[0].expr.span.to(numbers[length - 1].expr.span), "these belong together")
+                .help(format!("write `[{}]`", texts.join(", ")));
+            self.diagnostics.push(told);
+            return true;
+        }
+        false
+    }
+
+    /// The parameters further on that take a misplaced argument, by their names.
+    fn by_name(&self, signature: &Signature, matched: &Matching, at: usize, arg: &Typed) -> Option<String> {
+        let takes = |p: &SigParam| {
+            p.sig.accepts(&arg.expr.ty, arg.value.as_ref())
+                && !matches!(p.sig, Sig::Any | Sig::Var(_))
+                && !arg.expr.ty.is_unknown()
+        };
+        let free = |i: &usize| matched.by_parameter[*i].is_none() && takes(&signature.params[*i]);
+        let mut others = (0..signature.params.len()).filter(free);
+        if !signature.params[at].has_default {
+            return None;
+        }
+        let typed = |i: usize| format!("`{}: {}`", signature.params[i].name, self.sources.text(arg.expr.span));
+        match (others.next(), others.next()) {
+            (Some(one), None) => Some(format!("write {}", typed(one))),
+            (Some(one), Some(other)) => Some(format!("say which argument it is: {} or {}", typed(one), typed(other))),
+            _ => None,
+        }
+    }
+
+    /// An argument of a type that its parameter does not take.
+    pub fn report_argument(&mut self, sig: &Sig, param: &str, arg: &Typed, site: Site) {
+        self.report_argument_with(sig, param, arg, site, None);
+    }
+
+    fn report_argument_with(&mut self, sig: &Sig, param: &str, arg: &Typed, site: Site, known: Option<String>) {
+        let ty = &arg.expr.ty;
+        let mut help = known.or_else(|| self.conversion_help(sig, arg, arg.expr.span));
+        if site.name == "image" && *ty == Ty::Str {
+            help = Some(format!(
+                "`image` takes numbers; a file is read by `load_image({})`",
+                self.sources.text(arg.expr.span)
+            ));
+        }
+        let noun = site.noun();
+        if let (Some(Const::Str(word)), false) = (&arg.value, sig.words().is_empty()) {
+            let help = did_you_mean(word, "choose one of", sig.words());
+            self.diagnostics.push(
+                Diagnostic::error("dscene::name::unknown", format!("`{param}` cannot be `{word}`"))
+                    .label(arg.expr.span, "not one of the choices")
+                    .help_opt(help),
+            );
+            return;
+        }
+        let whole = matches!(sig, Sig::Int(_)) && matches!(ty, Ty::Num(_)) && fits(&sig.ty(), ty);
+        let unit = matches!((sig, ty), (Sig::Is(Ty::Angle), Ty::Num(_)) | (Sig::Is(Ty::Num(_)), Ty::Angle))
+            || matches!((sig, ty), (Sig::Angles, Ty::Num(_) | Ty::Image { .. }))
+            || matches!(sig, Sig::Number | Sig::Var('N')) && ty.is_angle();
+        let (code, message, label) = if whole {
+            let message = format!("the {noun} `{param}` of `{}` is a whole number", site.name);
+            ("dscene::type::mismatch", message, "not whole: a count or size has no fraction".to_owned())
+        } else {
+            let message = format!("the {noun} `{param}` of `{}` is `{sig}`, found `{ty}`", site.name);
+            (if unit { "dscene::type::unit" } else { "dscene::type::mismatch" }, message, format!("this is `{ty}`"))
+        };
+        self.diagnostics.push(Diagnostic::error(code, message).label(arg.expr.span, label).help_opt(help));
+    }
+
+    /// A help text for types that are commonly confused.
+    pub fn conversion_help(&self, wanted: &Sig, found: &Typed, span: Span) -> Option<String> {
+        let text = self.sources.text(span);
+        let short = if text.len() <= 40 && !text.contains('\n') { text } else { "…" };
+        let literal = matches!(found.expr.kind, ExprKind::Number(_) | ExprKind::Unary { .. });
+        let open = |c: &char| !matches!(c, 'N' | 'Q');
+        let accepts = |ty: Ty| {
+            wanted.accepts(&ty, None) && !matches!(wanted, Sig::Any) && !matches!(wanted, Sig::Var(c) if open(c))
+        };
+        let is = |ty: Ty| {
+            let sig = Sig::Is(ty);
+            *wanted == sig || matches!(wanted, Sig::Union(choices) if choices.contains(&sig))
+        };
+        if let Some(call) = self.named_value(wanted, found) {
+            return Some(format!("what has settings is a function: `{call}`"));
+        }
+        let is_bracketed = short.starts_with(['[', '(']) && short.ends_with([']', ')']);
+        let compound = !is_bracketed && (short.contains(['+', '-', '/', '<', '>', '=']) || short.contains(" if "));
+        let factor = if compound { format!("({short})") } else { short.to_owned() };
+        Some(match &found.expr.ty {
+            Ty::Num(shape) if is(Ty::Angle) && shape.is_empty() || *wanted == Sig::Angles => {
+                if literal && shape.is_empty() {
+                    format!("write `{short}deg` or `{short}rad`")
+                } else {
+                    // Someone who writes `pi / 4` means radians.
+                    let unit = if short.contains("pi") || short.contains("tau") { "rad" } else { "deg" };
+                    format!("angles have a unit: `{factor} * 1{unit}`")
+                }
+            }
+            Ty::Image { .. } if *wanted == Sig::Angles => format!("angles have a unit: `{factor} * 1rad`"),
+            found if found.is_angle() && found.without_unit().is_some_and(|(numbers, _)| accepts(numbers)) => {
+                let what = if *found == Ty::Angle { "a number" } else { "numbers" };
+                format!("divide by a unit to get {what}: `{factor} / 1deg`")
+            }
+            Ty::Angle if is(Ty::Rotation) => format!("write `rotation(angle: {short})`"),
+            Ty::Num(shape) if shape.is_empty() && matches!(wanted, Sig::Int(s) if s.as_slice() == [Some(2)]) => {
+                format!("write `[{short}, {short}]`")
+            }
+            Ty::Num(_) if matches!(wanted, Sig::Int(_)) && found.value.is_some() => {
+                let x = found.value.as_ref().and_then(Const::number)?;
+                format!("write `{}`", x.round())
+            }
+            Ty::Num(shape) if shape.is_empty() && is(Ty::Num(vec![None])) => format!("write `[{short}]`"),
+            Ty::Num(shape) if shape.is_empty() && accepts(Ty::vector(3)) => {
+                format!("write `[{short}, {short}, {short}]`")
+            }
+            Ty::Num(shape) if shape.as_slice() == [Some(3)] && accepts(Ty::Rotation) => {
+                format!("the rotation that makes what hangs down point there is `aim({short})`")
+            }
+            Ty::Num(_) if is(Ty::Material) => format!("write `diffuse(reflectance: {short})`"),
+            Ty::Num(_) if is(Ty::Optimizer) => format!("write `adam(lr: {short})`"),
+            Ty::Num(_) | Ty::Texture if is(super::signature::any_image()) => format!("write `image({short})`"),
+            Ty::Texture if is(Ty::Material) => format!("write `diffuse(reflectance: {short})`"),
+            Ty::Image { .. } if is(Ty::Texture) => format!("write `texture({short})`"),
+            Ty::Image { .. } if accepts(Ty::SCALAR) => format!("reduce the image to one number: `mean({short})`"),
+            Ty::Str if is(Ty::Texture) => format!("write `texture({short})`"),
+            Ty::Str if is(Ty::Mesh) => format!("write `load({short})`"),
+            Ty::Str if is(super::signature::any_image()) => format!("write `load_image({short})`"),
+            Ty::Mesh if is(Ty::Shape) => format!("write `shape(mesh: {short})`"),
+            Ty::Mesh if is(Ty::Light) => format!("write `area({short}, radiance: 10)`"),
+            Ty::Shape if is(Ty::Mesh) => format!("take its mesh: `{short}.mesh`"),
+            Ty::Camera { .. } if accepts(super::signature::any_image()) => format!("render it: `render({short})`"),
+            Ty::Estimate(_) => format!("take its mean: `{short}.mean`"),
+            Ty::Str
+                if let Some(Const::Str(text)) = &found.value
+                    && text.parse::<f64>().is_ok()
+                    && accepts(Ty::SCALAR) =>
+            {
+                format!("numbers have no quotes: `{text}`")
+            }
+            Ty::Fn(..) if let Some((_, body)) = text.split_once("=>") => {
+                format!("what changes is an expression in `step` and `progress`: `{}`", body.trim())
+            }
+            Ty::Fn(..) => format!("call it: `{short}(…)`"),
+            found => match wanted {
+                Sig::List(item, _) if item.accepts(found, None) => format!("write `[{short}]`"),
+                _ => return None,
+            },
+        })
+    }
+
+    /// Suggests `adam()` for `"adam"` where an optimiser is wanted.
+    fn named_value(&self, wanted: &Sig, found: &Typed) -> Option<String> {
+        let Some(Const::Str(name)) = &found.value else { return None };
+        let plain = name.to_lowercase();
+        let name = if self.builtin(&plain).is_some() { plain.as_str() } else { advice::function(&plain)? };
+        let id = self.builtin(name)?;
+        let StatementKind::Fn(f) = &self.slot(id).statement.kind else { return None };
+        let result = self.slot(id).signature.as_ref().and_then(|s| s.result.clone());
+        let result = result.or_else(|| match f.result.as_ref()?.choices.as_slice() {
+            [ast::TypeAtom { kind: ast::TypeKind::Named(name), lens, .. }] if lens.is_empty() => {
+                super::signature::named(name)
+            }
+            _ => None,
+        })?;
+        let fits = wanted.accepts(&result.ty(), None) && !matches!(wanted, Sig::Any | Sig::Var(_));
+        let missing: Vec<String> =
+            f.params.iter().filter(|p| p.default.is_none()).map(|p| format!("{}: …", p.name.text)).collect();
+        // A word where a number is wanted is rarely a function of something else.
+        let is_number = wanted.accepts(&Ty::SCALAR, None) && !missing.is_empty();
+        (fits && !is_number).then(|| format!("{name}({})", missing.join(", ")))
+    }
+}
+
+/// All orders of the first `n` whole numbers, their own first.
+fn permutations(n: usize) -> impl Iterator<Item = Vec<usize>> {
+    let all: usize = (1..=n).product();
+    (0..all).map(move |mut index| {
+        let mut left: Vec<usize> = (0..n).collect();
+        (1..=n)
+            .rev()
+            .map(|size| {
+                let below: usize = (1..size).product();
+                let chosen = left.remove(index / below);
+                index %= below;
+                chosen
+            })
+            .collect()
+    })
+}
