@@ -513,12 +513,10 @@ impl<'l> Checker<'l> {
             return Some(PRELUDE);
         }
         let names: Vec<String> = LIBRARY.iter().map(|(n, ..)| format!("std.{n}")).collect();
-        let foreign = name.split('.').next().is_some_and(crate::diag::advice::is_module);
+        let foreign = !name.starts_with("std.") && name.split('.').next().is_some_and(crate::diag::advice::is_module);
         let own = names.iter().map(String::as_str).find(|known| known.strip_prefix("std.") == Some(name));
         let help = match own.or_else(|| suggest(name, names.iter().map(String::as_str))) {
-            _ if foreign && !name.starts_with("std.") => {
-                "leave it out: all functions of the library are there".to_owned()
-            }
+            _ if foreign => "leave it out: all functions of the library are there".to_owned(),
             Some(found) => format!("did you mean `{found}`?"),
             None => match other_files::kind_and_help(name) {
                 Some((kind, help)) => format!("`{name}` is {kind}: {help}"),

@@ -466,6 +466,11 @@ pub fn agree_in_finest(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Cam
     }
 }
 
+/// All of them in the long statistics, in brief every second one: for variants of one thing.
+pub fn every_second<T>(all: impl IntoIterator<Item = T>) -> impl Iterator<Item = T> {
+    all.into_iter().step_by(if long() { 1 } else { 2 })
+}
+
 /// The combined error, over the finite difference, that is always enough.
 fn precise() -> f64 {
     percent().map_or(0.06, |percent| 0.01 * percent)

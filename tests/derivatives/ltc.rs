@@ -3,14 +3,19 @@
 #[path = "../../benches/ltc/fit.rs"]
 mod fit;
 
+use crate::common::long;
 use dscene::math::Pcg32;
 use dscene::render::ltc::{Lobe, SIZE};
 use dscene::render::ltc_table::TABLE;
 use fit::Samples;
 use glam::{Quat, Vec3};
 
+/// In the long statistics only: the fit takes longer than all else that is asked of the table.
 #[test]
 fn the_table_is_what_the_fit_gives() {
+    if !long() {
+        return;
+    }
     for (i, (ours, fitted)) in TABLE.iter().zip(fit::table()).enumerate() {
         for (a, b) in ours.iter().zip(fitted) {
             // Minima are flat: another machine's rounding moves them a little.

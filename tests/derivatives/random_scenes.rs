@@ -402,7 +402,7 @@ fn enriched((mut scene, camera): (SceneDescription, Camera), number: u64) -> (Sc
 /// Nothing is near or far but by comparison. By powers of two not even rounding is different.
 #[test]
 fn the_unit_of_length_means_nothing() {
-    for number in numbers(if long() { 0..28 } else { 0..12 }) {
+    for number in numbers(if long() { 0..28 } else { 0..8 }) {
         let (.., family, max_bounces) = drawn(number, 0.0);
         let plan = Plan { max_bounces, spp: 8, h: 0.008, ..Plan::default() };
         let of = |unit: f32| {
@@ -516,12 +516,12 @@ fn mean_nothing(
 /// What a surface is cut into means nothing.
 #[test]
 fn triangles_may_be_split() {
-    mean_nothing(numbers(if long() { 0..10 } else { 0..5 }), split);
+    mean_nothing(numbers(if long() { 0..10 } else { 0..3 }), split);
 }
 
 /// Nor do directions, places and the order of things. (In 126 plates cross at acute angles: light beside the crossing went through them, the
 /// more the further away from the origin.)
 #[test]
 fn scenes_may_be_rearranged() {
-    mean_nothing(numbers(if long() { 0..10 } else { 0..5 }).chain([126]), rearranged);
+    mean_nothing(numbers(if long() { 0..10 } else { 0..3 }).chain([126]), rearranged);
 }

@@ -277,8 +277,9 @@ impl Row {
 }
 
 fn check_all(view: View, roughnesses: &[f32], all: &[Moves]) {
-    for moves in all {
-        for &roughness in roughnesses {
+    for (number, moves) in all.iter().enumerate() {
+        // In brief one of two roughnesses, and the other for what moves next.
+        for &roughness in every_second(roughnesses.iter().skip(if long() { 0 } else { number % roughnesses.len() })) {
             Row { view, moves: *moves, roughness }.check();
         }
     }

@@ -12,7 +12,7 @@ const MOST: u64 = 640;
 const TELLING: f64 = 0.08;
 /// The error with which no more is drawn.
 fn precise() -> f64 {
-    if kept::is_recording() { 0.05 } else { 0.03 * percent().map_or(1.0, |percent| percent.min(2.0)) }
+    if kept::is_recording() { 0.05 } else { 0.03 * percent().map_or(1.6, |percent| percent.min(2.0)) }
 }
 /// Standard errors that a difference may have: few repeats do not know their own error well.
 const ALLOWED: f64 = 3.5;

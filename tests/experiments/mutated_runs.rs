@@ -108,7 +108,7 @@ fn run(text: &str, flag: &Arc<AtomicBool>) -> bool {
 
 #[test]
 fn damaged_scripts_end_in_values_or_diagnostics() {
-    const MUTANTS: usize = 500;
+    const MUTANTS: usize = 300;
     let started = Instant::now();
     let (mut ran, mut dice) = (0, Dice(0x77_1234_abcd));
     for number in 0..MUTANTS {

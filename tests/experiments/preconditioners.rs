@@ -9,7 +9,7 @@ let goal = [p * (1 + 0.25 * sin(3rad * p.x + 1rad) * cos(2rad * p.y)) for p in b
 fn blob(settings: &str, using: &str) -> [f64; 2] {
     let script = format!(
         "{BLOB}
-let views = [camera(position: [4 * cos(k * 90deg), 1.5 * (-1) ^ k, 4 * sin(k * 90deg)], look_at: [0, 0, 0], fov: 40deg, film: [32, 32])
+let views = [camera(position: [4 * cos(k * 90deg), 1.5 * (-1) ^ k, 4 * sin(k * 90deg)], look_at: [0, 0, 0], fov: 40deg, film: [24, 24])
              for k in 0..4]
 integrator direct {{ max_bounces: 1 }}
 light sun = directional(direction: [0.4, -1, -0.3], irradiance: 2)
@@ -18,7 +18,7 @@ param points = ball.vertices {settings}
 shape blob {{ mesh: smooth_normals(mesh(vertices: points, faces: ball.faces)), material: diffuse(0.6) }}
 let photos = [render(v, spp: 32) for v in views] with {{ points: goal }}
 loss fit = mean([l1(render(v, spp: 4), photo) for v, photo in zip(views, photos)])
-optimize fit {{ using: {using}, steps: 40 }}"
+optimize fit {{ using: {using}, steps: 28 }}"
     );
     let (_, params) = optimized(&script).unwrap();
     let found: Vec<&[f64]> = params[0].chunks(3).collect();

@@ -406,7 +406,7 @@ fn value_and_adjoint_match_the_dual_number_twin() {
         let roughnesses = places(&material).into_iter().filter(|(field, ..)| field.name == "roughness");
         let across = roughnesses.map(|(_, place, _)| Ggx::new(values[place].x).alpha()).fold(alpha, f32::min);
         let alpha = if bsdf.has_grain() { across } else { alpha };
-        for i in 0..400 {
+        for i in 0..240 {
             let vectors = directions(i, [0.1, alpha, 3.0 * alpha][i % 3], 0.03, &mut rng);
             let [n, wi, wo] = vectors;
             let d_f = Vec3::new(rng.next_f32() - 0.5, rng.next_f32(), rng.next_f32());
@@ -523,7 +523,7 @@ pub(super) fn assert_as_frequent(expected: &[f64], found: &[f64], whose: &dyn st
 fn samples_follow_the_density() {
     const ROWS: usize = 12;
     const COLUMNS: usize = 16;
-    const N: usize = 60_000;
+    const N: usize = 40_000;
     let bin = |wo: Vec3| {
         let phi = wo.y.atan2(wo.x) / std::f32::consts::TAU;
         let column = (((phi + 1.0).fract()) * COLUMNS as f32) as usize;
@@ -535,7 +535,7 @@ fn samples_follow_the_density() {
             let wi = direction(cos, 0.7);
             // The last bin holds what is lost below the surface.
             let mut expected = vec![0.0; ROWS * COLUMNS + 1];
-            integrate(ROWS * 32, COLUMNS * 32, |wo, area| {
+            integrate(ROWS * 16, COLUMNS * 16, |wo, area| {
                 expected[bin(wo)] += f64::from(bsdf.pdf(Vec3::Z, wi, wo)) * area
             });
             let inside: f64 = expected.iter().sum();
@@ -543,9 +543,10 @@ fn samples_follow_the_density() {
             expected[ROWS * COLUMNS] = (1.0 - inside).max(0.0);
 
             let mut found = vec![0.0; ROWS * COLUMNS + 1];
-            for _ in 0..N {
+            for i in 0..N {
                 match bsdf.sample(wi, rng.next_3d()) {
                     None => found[ROWS * COLUMNS] += 1.0,
+                    Some(s) if i % 8 > 0 => found[bin(s.wo)] += 1.0,
                     Some(s) => {
                         found[bin(s.wo)] += 1.0;
                         assert!((s.pdf - bsdf.pdf(Vec3::Z, wi, s.wo)).abs() <= 1e-4 * s.pdf && !s.lobe.is_delta());
@@ -565,7 +566,7 @@ fn narrow_lobes_average_to_their_quadrature() {
     for (_, _, bsdf) in bsdfs(&[0.15, 0.25]) {
         let wi = direction(0.7, 0.0);
         let mut by_quadrature = Vec3::ZERO;
-        integrate(1500, 1500, |wo, area| by_quadrature += bsdf.eval(Vec3::Z, wi, wo) * area as f32);
+        integrate(700, 700, |wo, area| by_quadrature += bsdf.eval(Vec3::Z, wi, wo) * area as f32);
         let n = 40_000;
         let weight = |s: BsdfSample| s.f / s.pdf;
         let by_samples: Vec3 = (0..n).filter_map(|_| bsdf.sample(wi, rng.next_3d())).map(weight).sum::<Vec3>();
@@ -645,12 +646,12 @@ fn no_lobe_reflects_more_than_it_receives() {
 /// As for the dielectric; and under white light that is even, white cloth cannot be seen but for what the table has too much.
 #[test]
 fn the_sheen_reflects_what_its_table_says() {
-    for roughness in [0.0, 0.02, 0.08, 0.12, 0.22, 0.37, 0.5, 0.61, 0.83, 1.0] {
+    for roughness in [0.0, 0.02, 0.12, 0.37, 0.61, 1.0] {
         let cloth = |diffuse: f32| {
             let (diffuse, sheen) = (Vec3::splat(diffuse), Vec3::ONE);
             Bsdf::new(&MaterialKind::Cloth { diffuse, sheen, roughness: Vec3::splat(roughness) })
         };
-        for cos in [0.01, 0.02, 0.05, 0.11, 0.19, 0.27, 0.4, 0.6, 0.8, 1.0] {
+        for cos in [0.01, 0.05, 0.11, 0.27, 0.6, 1.0] {
             let lobe = furnace(&cloth(0.0), direction(cos, 0.4), 256);
             let table = f64::from(REFLECTED.directional(cos, roughness).value);
             let slack = if cos < 2.0 / 24.0 { 0.14 } else { 0.012 };
@@ -678,11 +679,11 @@ fn a_coat_takes_what_it_reflects() {
                 let bare = Bsdf::new(&under);
                 for cos in [1.0, 0.7, 0.3, 0.1, 0.02] {
                     let wi = direction(cos, 0.4);
-                    let energy = furnace(&bsdf, wi, 256);
+                    let energy = furnace(&bsdf, wi, 160);
                     assert!(energy < 1.004, "{bsdf:?} at {cos}: {energy}");
                     assert!(energy > least || cos < 0.5 || roughness > 0.3, "{bsdf:?} at {cos}: {energy}");
                     if weight == 0.0 {
-                        assert!((energy - furnace(&bare, wi, 256)).abs() < 0.01, "{bsdf:?} at {cos}: {energy}");
+                        assert!((energy - furnace(&bare, wi, 160)).abs() < 0.01, "{bsdf:?} at {cos}: {energy}");
                     }
                 }
             }
