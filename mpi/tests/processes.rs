@@ -158,7 +158,7 @@ fn examples_leave_the_same_bytes() {
         };
         let (code, expected) = run(1, "1");
         assert!(expected.len() > 2 && code.is_some_and(|code| code < 2), "{example}: {code:?} {:?}", expected.keys());
-        for (processes, threads) in [(1, "2"), (2, "1"), (2, "2"), (3, "1"), (3, "2")] {
+        for (processes, threads) in [(1, "2"), (2, "2"), (3, "1")] {
             let (also, found) = run(processes, threads);
             assert_eq!(also, code, "{example} in {processes} processes");
             assert_same(&found, &expected, &format!("{example} in {processes} processes, {threads} threads"));
