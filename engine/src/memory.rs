@@ -133,8 +133,11 @@ pub fn parse_size(text: &str) -> Result<u64, String> {
         _ => return Err(expected()),
     };
     let bytes = number * factor;
-    if !(5e7..1e18).contains(&bytes) {
+    if bytes < 5e7 {
         return Err("expected at least 50MB, which the program itself takes".to_owned());
+    }
+    if bytes >= 1e18 {
+        return Err("expected what a machine can have, such as 8GB".to_owned());
     }
     Ok(bytes as u64)
 }

@@ -74,7 +74,7 @@ impl Checker<'_> {
                         return Ty::Error;
                     }
                     if matches!((&joined, ty), (Ty::Num(_), Ty::Angle) | (Ty::Angle, Ty::Num(_))) {
-                        if self.report_degrees(&items) {
+                        if self.report_degrees(items) {
                             return Ty::Error;
                         }
                         self.diagnostics.push(

@@ -61,6 +61,7 @@ impl Checker<'_> {
         // A thing under the name of a function that it needs and the library has not: `shape glass { material: glass() }`.
         if let (Some(id), ast::ExprKind::Name(name)) = (decl, &callee.kind)
             && self.slot(id).state == State::Busy
+            && !matches!(self.slot(id).statement.kind, StatementKind::Fn(_))
             && let Some(help) = self.name_in_other_languages(name, callee.span)
         {
             let told = Diagnostic::error("dscene::name::unknown", format!("there is no function `{name}`"))

@@ -191,7 +191,9 @@ impl Checker<'_> {
     /// Arguments without names in another order than the parameters'; whether that was it.
     fn report_order(&mut self, signature: &Signature, matched: &Matching, values: &[&Typed], site: Site) -> bool {
         let n = values.len();
-        if !matched.missing.is_empty() || !matched.extra.is_empty() || !(2..=MOST_ORDERED).contains(&n) {
+        // What is not known fits anywhere.
+        let is_known = values.iter().all(|v| !v.expr.ty.is_unknown());
+        if !is_known || !matched.missing.is_empty() || !matched.extra.is_empty() || !(2..=MOST_ORDERED).contains(&n) {
             return false;
         }
         let takes =

@@ -28,12 +28,18 @@ impl Checker<'_> {
         let (ty, initial) = (typed.expr.ty.clone(), typed.expr.span);
         let may_move = matches!(ty, Ty::Num(_) | Ty::Angle | Ty::Rotation | Ty::Image { .. }) || ty.may_be_numbers();
         if !may_move {
+            let help = match (&ty, self.sources.text(initial)) {
+                (ty, text) if ty.is_angle() && !text.is_empty() => format!(
+                    "several angles are numbers with their unit behind them, here and (`{} * 1deg`) where they are used; write `{text} / 1deg`",
+                    param.name.text
+                ),
+                _ => "params are numbers, arrays of numbers, angles, rotations or images; build the rest from them"
+                    .to_owned(),
+            };
             self.diagnostics.push(
                 Diagnostic::error("dscene::type::param", format!("a param cannot be of type `{ty}`"))
                     .label(initial, format!("this is `{ty}`"))
-                    .help(
-                        "params are numbers, arrays of numbers, angles, rotations or images; build the rest from them",
-                    ),
+                    .help(help),
             );
         }
         let mut decl = hir::ParamDecl::default();

@@ -5,7 +5,8 @@ use std::path::Path;
 use serde_json::{Value, json};
 
 use super::args::TestArgs;
-use super::{EXIT_INTERRUPTED, EXIT_USAGE, EXIT_WRONG, Loaded, Terminal, load, out};
+use super::render::interrupted;
+use super::{EXIT_USAGE, EXIT_WRONG, Loaded, Terminal, load, out};
 use crate::check::hir::Test;
 use crate::diag::{self, Diagnostic};
 use crate::session::clock::human_seconds;
@@ -42,7 +43,7 @@ pub fn run(args: &TestArgs) -> u8 {
             continue;
         };
         if !run_file(args, file, &mut loaded, &mut terminal, &mut count) {
-            return EXIT_INTERRUPTED;
+            return interrupted(&mut terminal);
         }
     }
     conclude(args, &count, &mut terminal)

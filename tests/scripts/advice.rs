@@ -35,6 +35,7 @@ const ROWS: &[Row] = &[
     ("let a = sin(radians(45))", "radians", "45 * 1deg", "let a = sin(45 * 1deg)"),
     ("let a = degrees(atan2(1, 2))", "degrees", "atan2(1, 2) / 1deg", "let a = atan2(1, 2) / 1deg"),
     ("param b = 45deg in 0..90", "0..90", "0deg..90deg", "param b = 45deg in 0deg..90deg"),
+    ("param b = [10deg, 20deg]", "[10deg, 20deg]", "[10deg, 20deg] / 1deg", "param b = [10deg, 20deg] / 1deg"),
     ("let k = [0, 45deg, 0]", "0, 45deg, 0", "0deg, 45deg, 0deg", "let k = [0deg, 45deg, 0deg]"),
     // Arguments in another order, side by side, without their name, or of another function.
     (

@@ -95,7 +95,7 @@ fn values_that_a_file_cannot_hold_are_refused_before_the_run() {
         ("{ a: 1, b: [1, 2] }", "csv", false),
         ("{ a: [3, 4], b: [\"x\", \"y\"] }", "csv", true),
     ] {
-        place.write("a.dscene", &format!("let a = {value}\nsave a to \"a.{ending}\"\n"));
+        place.write("a.dscene", format!("let a = {value}\nsave a to \"a.{ending}\"\n"));
         let output = place.dsl(&["check", "a.dscene"]);
         assert_code(&output, if fits { 0 } else { 1 });
         if fits {
