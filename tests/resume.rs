@@ -206,7 +206,7 @@ fn stages_that_were_stopped_are_kept() {
 fn examples_survive_kills_at_random_moments() {
     // Some kills of a few runs; many of more of them in `cargo truth`, which go on side by side.
     let (examples, kills, steps) = if long() {
-        (&["03_shadow_blocker", "12_cornell_box", "14_pose_in_ten_steps"][..], 8, "6")
+        (&["03_shadow_blocker", "12_cornell_box", "14_pose_in_ten_steps"][..], 6, "6")
     } else {
         (&["16_pose_from_points"][..], 6, "30")
     };

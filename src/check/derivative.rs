@@ -153,8 +153,7 @@ impl Checker<'_> {
         };
         let (target, ty) = self.target(&path)?;
         let is_param = matches!(self.slot(target.decl).statement.kind, StatementKind::Param(_));
-        let numeric =
-            matches!(ty, Ty::Num(_) | Ty::Angle | Ty::Rotation | Ty::Image { .. } | Ty::Texture) || ty.may_be_numbers();
+        let numeric = ty.may_move() || ty == Ty::Texture;
         if (!is_param && target.path.is_empty()) || !numeric {
             let name = self.slot(target.decl).name.clone();
             let (message, help) = if numeric {

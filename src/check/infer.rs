@@ -223,7 +223,7 @@ impl Checker<'_> {
             );
             return;
         }
-        if super::library::LIBRARY.iter().any(|(module, prelude, _)| !prelude && *module == name) {
+        if self.is_of_module(name, span) {
             self.diagnostics.push(
                 Diagnostic::error("dscene::name::unknown", format!("`{name}` is not imported"))
                     .label(span, "a module of the library")
@@ -251,6 +251,15 @@ impl Checker<'_> {
                 .label(span, "not found")
                 .help(help),
         );
+    }
+
+    /// Whether a name that nothing has is a module of the library, of which what stands behind the dot is a part: `studio.floor`.
+    fn is_of_module(&self, name: &str, span: Span) -> bool {
+        let Some(&module) = self.library.get(name) else { return false };
+        let behind = self.sources.get(span.source).and_then(|file| file.text.get(span.end as usize..));
+        let member = behind.and_then(|text| text.strip_prefix('.')).unwrap_or("");
+        let end = member.find(|c: char| !c.is_ascii_alphanumeric() && c != '_').unwrap_or(member.len());
+        self.modules[module].names.contains_key(&member[..end])
     }
 
     /// A help for a name of another language: what to write here instead, with the arguments if it is called.
@@ -430,7 +439,9 @@ impl Checker<'_> {
                     .help_opt(help),
                 );
             }
-            let spread = value.expr.ty.is_scalar();
+            // One number for all elements, or one angle.
+            let several_angles = ty != Ty::Angle && ty.quantity().is_some_and(|(_, angle)| angle);
+            let spread = value.expr.ty.is_scalar() || several_angles && value.expr.ty == Ty::Angle;
             let whole = self.slot(target.decl).hir.ty.clone();
             // `eye.film` or `eye.crop`, or `view.cam.film` of a camera in a record.
             let film = target.path.split_last().filter(|(field, camera)| {
@@ -454,9 +465,9 @@ impl Checker<'_> {
                     );
                 }
                 reshaped = true;
-            } else if target.path.is_empty() && !value.expr.ty.is_scalar() {
+            } else if target.path.is_empty() && !spread {
                 changes.push(Change { decl: target.decl, ty: value.expr.ty.clone(), value: value.value.clone() });
-            } else if !value.expr.ty.is_scalar()
+            } else if !spread
                 && value.expr.ty != ty
                 && let Some(ty) = whole.with_field(&target.path, value.expr.ty.clone())
             {
@@ -468,7 +479,7 @@ impl Checker<'_> {
             reshaped |= !spread && (!fits(&value.expr.ty, &ty) || size_of(&ty) != size_of(&value.expr.ty));
             reshaped |= matches!(ty, Ty::Record(_)) && ty != value.expr.ty;
             let mut value = value.expr;
-            if let (Ty::Num(shape), true) = (&ty, value.ty.is_scalar())
+            if let (Some((shape, _)), true) = (ty.quantity(), spread)
                 && let Some(shape) = shape.iter().copied().collect::<Option<Vec<usize>>>()
                 && !shape.is_empty()
             {
@@ -552,7 +563,7 @@ impl Checker<'_> {
     fn element(&mut self, base: Typed, name: &ast::Name) -> Option<Typed> {
         let at: f64 = name.text.trim_matches(['[', ']', ' ']).parse().ok()?;
         let ty = base.expr.ty.clone();
-        let (Ty::Num(_), Some((item, n))) = (&ty, item_of(&ty)) else {
+        let (Some(_), Some((item, n))) = (ty.quantity(), item_of(&ty)) else {
             if !ty.is_unknown() {
                 self.diagnostics.push(
                     Diagnostic::error("dscene::type::mismatch", format!("{} has no elements to replace", ty.a()))
@@ -708,6 +719,12 @@ pub fn replaces(old: &Ty, new: &Ty) -> bool {
     match (old, new) {
         (Ty::Image { .. }, Ty::Image { .. }) | (Ty::AngleImage(_), Ty::AngleImage(_)) => true,
         (Ty::Num(_), Ty::Num(shape)) if shape.is_empty() => true,
+        (Ty::Array(..), Ty::Array(..) | Ty::Angle) if old.is_angle() && new.is_angle() => {
+            match (old.without_unit(), new.without_unit()) {
+                (Some((old, _)), Some((new, _))) => replaces(&old, &new),
+                _ => false,
+            }
+        }
         (Ty::Num(a), Ty::Num(b)) => {
             a.len() == b.len()
                 && a.last().zip(b.last()).is_none_or(|(a, b)| super::signature::dims_agree(*a, *b) || a.is_none())

@@ -26,20 +26,14 @@ impl Checker<'_> {
             (None, None) => broken(param.name.span),
         };
         let (ty, initial) = (typed.expr.ty.clone(), typed.expr.span);
-        let may_move = matches!(ty, Ty::Num(_) | Ty::Angle | Ty::Rotation | Ty::Image { .. }) || ty.may_be_numbers();
+        let may_move = ty.may_move();
         if !may_move {
-            let help = match (&ty, self.sources.text(initial)) {
-                (ty, text) if ty.is_angle() && !text.is_empty() => format!(
-                    "several angles are numbers with their unit behind them, here and (`{} * 1deg`) where they are used; write `{text} / 1deg`",
-                    param.name.text
-                ),
-                _ => "params are numbers, arrays of numbers, angles, rotations or images; build the rest from them"
-                    .to_owned(),
-            };
             self.diagnostics.push(
                 Diagnostic::error("dscene::type::param", format!("a param cannot be of type `{ty}`"))
                     .label(initial, format!("this is `{ty}`"))
-                    .help(help),
+                    .help(
+                        "params are numbers and angles, arrays of them, rotations or images; build the rest from them",
+                    ),
             );
         }
         let mut decl = hir::ParamDecl::default();
@@ -117,7 +111,8 @@ impl Checker<'_> {
         let typed = typed(ExprKind::Call(Box::new(call)), span, (**of).clone());
         let Some(annotation) = annotation else { return typed };
         let sig = self.sig(annotation);
-        if let (Ty::Num(dims), Ty::Num(_)) = (sig.ty(), &**of)
+        if let (Some((Ty::Num(dims), unit)), Some((Ty::Num(_), unit_of))) = (sig.ty().without_unit(), of.without_unit())
+            && unit == unit_of
             && !sig.accepts(of, None)
             && spreads_over(&sig.ty(), of)
             && let Some(shape) = dims.iter().copied().collect::<Option<Vec<usize>>>()
@@ -149,7 +144,7 @@ impl Checker<'_> {
         let (of, whole) = ((**of).clone(), prior.span);
         let help = match (ty, &of) {
             (Ty::Rotation, _) => Some("rotations have no priors: give one to angles that it is made of"),
-            (Ty::Angle, Ty::Num(_)) => Some("its numbers are angles too: `normal(30deg, 5deg)`"),
+            (ty, Ty::Num(_)) if ty.is_angle() => Some("its numbers are angles too: `normal(30deg, 5deg)`"),
             (Ty::Num(_) | Ty::Image { .. }, Ty::Angle) => Some("its numbers have no unit: `normal(0.5, 0.1)`"),
             (Ty::Num(_) | Ty::Image { .. }, Ty::Num(_)) => Some("one number stands for all: `normal(0, 0.3)`"),
             _ => None,
@@ -363,7 +358,7 @@ impl Checker<'_> {
                     let text = end.as_ref().map_or("", |end| self.sources.text(end.span));
                     if text.trim().parse::<f64>().is_ok() { format!("{text}deg") } else { text.to_owned() }
                 };
-                let help = (*start.ty == Ty::Angle && side_ty.is_scalar())
+                let help = (start.ty.is_angle() && side_ty.is_scalar())
                     .then(|| format!("write `{}..{}`", degrees(&bounds.low), degrees(&bounds.high)));
                 let ends = bounds.low.iter().chain(&bounds.high).map(|end| end.span);
                 let whole = ends.reduce(Span::to).filter(|_| help.is_some()).unwrap_or(span);
@@ -444,7 +439,10 @@ fn spreads_over(ty: &Ty, side: &Ty) -> bool {
         || ty.is_unknown()
         || match ty {
             Ty::Num(_) | Ty::Image { .. } => side.is_scalar() || signature::fits(ty, side) || last_dim_fits(ty, side),
-            _ => ty == side,
+            _ => match (ty.without_unit(), side.without_unit()) {
+                (Some((numbers, true)), Some((of_side, true))) => spreads_over(&numbers, &of_side),
+                _ => ty == side,
+            },
         }
 }
 

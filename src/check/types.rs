@@ -133,6 +133,11 @@ impl Ty {
         matches!(self.without_unit(), Some((_, true)))
     }
 
+    /// Whether a param may be of it: numbers and angles, by themselves or in arrays, rotations, images.
+    pub fn may_move(&self) -> bool {
+        self.quantity().is_some() || matches!(self, Ty::Rotation | Ty::Image { .. }) || self.may_be_numbers()
+    }
+
     /// With its article: a `mesh`, an `angle`.
     pub fn a(&self) -> String {
         let shown = self.to_string();

@@ -44,7 +44,6 @@ use std::thread::{Scope, ScopedJoinHandle};
 use std::time::Duration;
 
 use crate::check::hir::{self, Decl, DeclId, DeclKind, LocalId, Target};
-use crate::check::types::Ty;
 use crate::diag::Diagnostic;
 use crate::natives::{self, value::Value};
 use crate::source::Span;
@@ -338,7 +337,7 @@ impl Engine {
         let shape = self.params.get(&id).map(|s| s.value.shape.clone()).unwrap_or_default();
         let kind = match (&self.params.get(&id).map(|s| &s.shown), &decl.ty) {
             (Some(Value::Rotation(_)), _) => ParamKind::Rotation,
-            (_, Ty::Angle) => ParamKind::Angle,
+            (_, ty) if is_angle(ty) => ParamKind::Angle,
             _ => ParamKind::Plain,
         };
         let bounds = match &p.bounds {

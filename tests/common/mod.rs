@@ -458,7 +458,7 @@ pub fn agree_in_long(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camer
     }
 }
 
-/// [`agree`], where all is drawn (`DSCENE_TRUTH=2`): for a row that takes minutes to say something at four percent, and whose like is compared
+/// [`agree`], where all is drawn (`DSCENE_TRUTH=2`): for a row that takes minutes to say something at five percent, and whose like is compared
 /// in less.
 pub fn agree_in_finest(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: &Plan) {
     if kept::draws_all() {

@@ -230,7 +230,7 @@ fn black_ball_in_a_ball(t: f32) -> (SceneDescription, Camera) {
 /// do not reach, so that a quarter must do.)
 #[test]
 fn contours_of_a_smooth_body_that_a_surface_sees_in_a_ball() {
-    let (spp, seeds, fd_seeds, telling) = if long() { (512, 12, 32, 0.1) } else { (128, 4, 8, 0.25) };
+    let (spp, seeds, fd_seeds, telling) = if long() { (512, 8, 16, 0.13) } else { (128, 4, 8, 0.25) };
     let plan = Plan { max_bounces: 2, h: 0.02, spp, fd_spp: 4096, ..Plan::default() };
     let found = statistics(&gradients(&black_ball_in_a_ball, &plan, 0..seeds));
     let expected = difference("black ball seen in a ball", &black_ball_in_a_ball, &plan, 0..fd_seeds);

@@ -283,3 +283,43 @@ fn the_lights_and_shapes_of_a_gltf_file() {
          expect mean(render(eye, scene: room, spp: 4) - render(eye, spp: 4)) < 1";
     assert_eq!(place.run(&format!("{EYE}{script}")).trim(), "1 1 1 1 1 0.25");
 }
+
+/// Turns of several things, or of one thing's joints, are one param: it has bounds, a prior, derivatives, a place in files and in found scripts.
+#[test]
+fn several_angles_are_one_param() {
+    let place = Place::new();
+    let script = "param tilts: angle[2] = [10deg, 50deg] ~ normal(30deg, [40deg, 50deg]) in 0deg..[90deg, 60deg]
+         param turns: angle[3] ~ normal(20deg, 5deg)
+         let aims = [rotation(axis: [0, 1, 0], angle: turn) @ [1, 0, 0] for turn in turns]
+         loss fit = sum((sin(tilts) - [0.5, 0.95]) ^ 2) + sum((aims - [0.6, 0, -0.8]) ^ 2)
+         let exact = 2 * (sin(tilts) - [0.5, 0.95]) * cos(tilts)
+         expect max(abs(grad(fit, tilts) - exact)) < 1e-9, \"{grad(fit, tilts)} {exact}\"
+         expect max(abs(fd(fit, tilts) - exact)) < 1e-3
+         expect abs(grad(fit, tilts[1]) - exact[1]) < 1e-9
+         expect abs((fit with { tilts: [30deg, 50deg], turns: 20deg }) - (fit with { tilts[0]: 30deg })) < 1e-9
+         print turns
+         optimize fit { using: adam(lr: 0.03), steps: 400 }
+         print tilts
+         expect max(abs((tilts - [30deg, 60deg]) / 1deg)) < 0.1
+         expect max(abs(turns / 1rad - acos(0.6) / 1rad)) < 0.01
+         save tilts to \"tilts.json\"";
+    let printed = place.run(script);
+    let [turns, tilts] = printed.lines().collect::<Vec<&str>>()[..] else { panic!("{printed}") };
+    assert!(turns == "[20deg, 20deg, 20deg]" && tilts.ends_with("60deg]"), "{printed}");
+    // The script that a run leaves has what was found.
+    place.write("found.dscene", script);
+    assert_code(&place.dsl(&["run", "found.dscene", "--out", "found", "--quiet"]), 0);
+    let found = stdout(&place.dsl(&["export", "found", "--script"]));
+    assert!(found.contains("param tilts: angle[2] = [") && found.contains("* 1rad"), "{found}");
+    place.write("again.dscene", found.replace("optimize", "// optimize"));
+    let again = place.dsl(&["eval", "again.dscene", "tilts"]);
+    assert!(stdout(&again).contains(tilts), "{} {}", stdout(&again), stderr(&again));
+    let set = place.dsl(&["eval", "found.dscene", "tilts", "--set", "tilts=[20deg, 30deg]"]);
+    assert!(stdout(&set).contains("[20deg, 30deg]"), "{} {}", stdout(&set), stderr(&set));
+    // A number is no angle here either, and bounds are angles.
+    for wrong in ["param a = [1deg, 2]", "param a = [10deg, 20deg] in 0..90", "param a = [10deg, 20deg] ~ normal(1, 2)"]
+    {
+        place.write("wrong.dscene", wrong);
+        assert_code(&place.dsl(&["check", "wrong.dscene"]), 1);
+    }
+}

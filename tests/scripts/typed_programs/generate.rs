@@ -11,6 +11,7 @@ light lamp = point(position: [0, 3, -2], intensity: 5)
 param level = 0.5
 param corner = [0.1, 0.2, 0.3]
 param tilt = 20deg
+param tilts = [10deg, 20deg]
 param pose = rotation(angle: 10deg)
 loss fit = mean(render(eye, spp: 1)) + sum(corner ^ 2) + tilt / 1rad
 let img = image([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]])
@@ -78,6 +79,7 @@ pub fn program(tapes: &[Vec<u16>]) -> Vec<Statement> {
         named("level", SCALAR),
         named("corner", vector(3)),
         named("tilt", ANGLE),
+        named("tilts", T::Angle(Some(2))),
         named("pose", T::Rotation),
         named("fit", SCALAR),
         named("img", T::Image([2, 3, 1])),
@@ -461,6 +463,7 @@ impl Generator<'_, '_> {
                 _ => "[[[0.1]]]".to_owned(),
             },
             T::Angle(None) => (*self.pick(&["30deg", "0.5rad", "tilt"])).to_owned(),
+            T::Angle(Some(2)) => (*self.pick(&["[20deg, 20deg]", "tilts"])).to_owned(),
             T::Angle(Some(n)) => format!("[{}]", vec!["20deg"; *n].join(", ")),
             T::Bool => (*self.pick(&["true", "false"])).to_owned(),
             T::Str => (*self.pick(&["\"a\"", "\"b\""])).to_owned(),
