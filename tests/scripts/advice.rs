@@ -59,6 +59,15 @@ const ROWS: &[Row] = &[
     ("let a = translate(0, 1, 0)", "0", "translation([0, 1, 0])", "let a = translation([0, 1, 0])"),
     ("let a = translate(v)", "v", "translation(v)", "let a = translation(v)"),
     ("let a = scale(2)", "2", "scaling(2)", "let a = scaling(2)"),
+    ("let a = scale(1, 2, 3)", "1", "scaling([1, 2, 3])", "let a = scaling([1, 2, 3])"),
+    ("let a = scale(v)", "v", "scaling(v)", "let a = scaling(v)"),
+    ("let a = rotate(v, 30deg)", "v", "rotation(v, 30deg)", "let a = rotation(v, 30deg)"),
+    (
+        "let a = rotate(quaternion(1, 0, 0, 0))",
+        "quaternion(1, 0, 0, 0)",
+        "quaternion(1, 0, 0, 0) @ NAME",
+        "let a = quaternion(1, 0, 0, 0) @ cube()",
+    ),
     (
         "let a = rotate(cube(), quaternion(1, 0, 0, 0))",
         "quaternion(1, 0, 0, 0)",
