@@ -365,7 +365,7 @@ impl Checker<'_> {
                 self.diagnostics.push(
                     Diagnostic::error(
                         "dscene::type::bounds",
-                        format!("bounds of a `{}` cannot be `{side_ty}`", start.ty),
+                        format!("bounds of {} cannot be `{side_ty}`", start.ty.a()),
                     )
                     .label(whole, format!("this is `{side_ty}`"))
                     .label(start.span, format!("`{}` is `{}`", start.name, start.ty))

@@ -247,6 +247,15 @@ impl<'a> Stop<'a> {
     }
 
     fn operator(&self) -> Option<Habit> {
+        // `param x = 1 in 0..2 ~ normal(1, 1)`
+        if self.first() == "param"
+            && self.rest().starts_with('~')
+            && let Some((value, bounds)) = self.before().trim_start().rsplit_once(" in ")
+        {
+            let prior = expression_after(self.text, self.at + 1);
+            let help = format!("write `{} ~ {prior} in {}`", value.trim_end(), bounds.trim());
+            return habit(self.at, self.at + 1, "a prior stands before the bounds", "behind them", help);
+        }
         let at_end = self.rest().is_empty();
         for op in advice::operators() {
             for back in 0..=op.len() {

@@ -34,6 +34,12 @@ const ROWS: &[Row] = &[
     ("let a = 45degrees", "45degrees", "45deg", "let a = 45deg"),
     ("let a = sin(radians(45))", "radians", "45 * 1deg", "let a = sin(45 * 1deg)"),
     ("let a = degrees(atan2(1, 2))", "degrees", "atan2(1, 2) / 1deg", "let a = atan2(1, 2) / 1deg"),
+    (
+        "param b = 1 in 0..2 ~ normal(1, 1)",
+        "~",
+        "param b = 1 ~ normal(1, 1) in 0..2",
+        "param b = 1 ~ normal(1, 1) in 0..2",
+    ),
     ("param b = 45deg in 0..90", "0..90", "0deg..90deg", "param b = 45deg in 0deg..90deg"),
     ("let k = [0, 45deg, 0]", "0, 45deg, 0", "0deg, 45deg, 0deg", "let k = [0deg, 45deg, 0deg]"),
     // Arguments in another order, side by side, without their name, or of another function.
