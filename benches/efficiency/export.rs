@@ -139,9 +139,10 @@ fn textures(scene: &SceneDescription, words: &mut Words) -> Vec<Value> {
         .map(|t| {
             json!({
                 "width": t.width, "height": t.height, "channels": t.channels,
-                "data": words.floats(t.data.iter().copied()),
+                "data": words.floats(t.numbers()),
                 "wrap": match t.wrap { Wrap::Repeat => "repeat", Wrap::Clamp => "clamp", Wrap::Mirror => "mirror" },
-                "filter": if t.filter == Filter::Bilinear { "bilinear" } else { "nearest" },
+                // Mitsuba has no mip maps: no scene has one.
+                "filter": if t.filter == Filter::Nearest { "nearest" } else { "bilinear" },
             })
         })
         .collect()

@@ -140,7 +140,7 @@ fn mesh(triangles: usize) -> (SceneDescription, Camera, Slot) {
 
 fn painted(width: usize, height: usize) -> Texture {
     let data = (0..width * height * 3).map(|i| 0.3 + 0.4 * ((i * 7 % 11) as f32 / 11.0)).collect();
-    Texture { width, height, channels: 3, data, wrap: Wrap::Repeat, filter: Filter::Bilinear }
+    Texture { width, height, channels: 3, data, packed: None, wrap: Wrap::Repeat, filter: Filter::Bilinear }
 }
 
 /// A sphere with a texture of size × size, derivatives of the texels.

@@ -415,7 +415,7 @@ fn sky(width: usize, height: usize, sun: Vec3, peak: f32, sharpness: f32) -> Tex
         (sky + vec3(1.0, 0.9, 0.7) * lobe).to_array()
     };
     let data = (0..width * height).flat_map(radiance).collect();
-    Texture { width, height, channels: 3, data, wrap: Wrap::Repeat, filter: Filter::Bilinear }
+    Texture { width, height, channels: 3, data, packed: None, wrap: Wrap::Repeat, filter: Filter::Bilinear }
 }
 
 fn environments(cases: &mut Vec<Case>) {
@@ -675,7 +675,7 @@ fn painted(n: usize, channels: usize, f: impl Fn(f32, f32) -> f32) -> Texture {
         })
         .map(|(u, v)| f(u, v))
         .collect();
-    Texture { width: n, height: n, channels, data, wrap: Wrap::Repeat, filter: Filter::Bilinear }
+    Texture { width: n, height: n, channels, data, packed: None, wrap: Wrap::Repeat, filter: Filter::Bilinear }
 }
 
 fn textures(cases: &mut Vec<Case>) {
@@ -822,7 +822,7 @@ fn layers(cases: &mut Vec<Case>) {
             (0.5 * normal + 0.5).to_array()
         });
         let (wrap, filter) = (Wrap::Repeat, Filter::Bilinear);
-        let map = Texture { width: n, height: n, channels: 3, data: texels.collect(), wrap, filter };
+        let map = Texture { width: n, height: n, channels: 3, data: texels.collect(), packed: None, wrap, filter };
         b.description.textures.push(map);
         let normals = Some(Input::Texture(b.description.textures.len() - 1));
         let grey = b.diffuse(Vec3::splat(0.6));

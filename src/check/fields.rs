@@ -154,7 +154,7 @@ impl Checker<'_> {
         // Fields that follow from other arguments exist too.
         let follows = match (native.as_str(), name.text.as_str()) {
             ("spot", "beam") | ("environment", "rotation") => true,
-            ("point", "rotation") => is_given("profile"),
+            ("point" | "spot", "rotation") => is_given("profile"),
             // Of a metal that is not told by its index.
             ("conductor", "reflectance") => !is_given("eta"),
             _ => false,
@@ -242,7 +242,7 @@ const LIGHTS: [(&str, &[&str]); 7] = [
     ("area", &["radiance", "mesh", "two_sided", "material"]),
     ("light", &["radiance", "mesh", "two_sided", "material"]),
     ("point", &["position", "intensity", "profile", "rotation"]),
-    ("spot", &["position", "direction", "intensity", "cutoff", "beam"]),
+    ("spot", &["position", "direction", "intensity", "cutoff", "beam", "profile", "rotation"]),
     ("directional", &["direction", "irradiance"]),
     ("environment", &["image", "radiance", "rotation"]),
     ("constant", &["radiance", "image", "rotation"]),

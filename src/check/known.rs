@@ -58,7 +58,7 @@ impl Checker<'_> {
         {
             self.check_file(&name, path);
         }
-        if name == "point"
+        if matches!(name.as_str(), "point" | "spot")
             && let Some(profile) = signature.params.iter().position(|p| p.name == "profile")
             && let Some(Some(path)) = found.get_mut(profile)
         {

@@ -447,15 +447,12 @@ pub fn around_material(argument: &str) -> Option<&'static str> {
     })
 }
 
-/// What a light has for an argument that it has not: a point with a profile is turned, a spot has nothing but its cone.
+/// What a light has for an argument that it has not: a point with a profile is turned.
 pub fn of_light(light: &str, argument: &str) -> Option<&'static str> {
     match (light, argument.to_lowercase().as_str()) {
         ("point", "direction" | "aim" | "target" | "look_at" | "to" | "axis") => {
             Some("a `profile` is turned by `rotation: aim(…)`; light in a cone is a `spot`")
         }
-        ("spot", "profile" | "ies" | "texture" | "map" | "rotation") => Some(
-            "a spot lights its cone evenly; by a profile shines `point(position: …, profile: …, rotation: aim(…))`",
-        ),
         _ => None,
     }
 }

@@ -24,7 +24,7 @@ pub(super) fn reason(scene: &Scene, camera: &Camera) -> Darkness {
     let [open, close] = camera.shutter;
     let camera = &camera.at(0.5 * (open + close));
     let is_lit = |c: &Vec3| c.max_element() > 0.0;
-    let texture = |t: usize| description.textures.get(t).is_some_and(|t| t.data.iter().any(|x| *x > 0.0));
+    let texture = |t: usize| description.textures.get(t).is_some_and(|t| t.numbers().any(|x| x > 0.0));
     let emitters: Vec<bool> = description
         .shapes
         .iter()

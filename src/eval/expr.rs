@@ -454,13 +454,17 @@ pub(super) fn arithmetic(op: BinaryOp, x: &Value, y: &Value) -> std::result::Res
         (Value::Image(a), Value::Image(b)) | (Value::Image(a), Value::Num(b)) | (Value::Num(a), Value::Image(b)) => {
             Ok(Value::Image(a.binary(f, b).map_err(|e| sizes(a, b, e.0))?))
         }
-        (Value::Texture(t), Value::Num(_)) => arithmetic(op, &Value::Image(t.texels.clone()), y).map(|v| texture(x, v)),
-        (Value::Num(_), Value::Texture(t)) => arithmetic(op, x, &Value::Image(t.texels.clone())).map(|v| texture(y, v)),
-        (Value::Texture(_), Value::Texture(t)) => arithmetic(op, x, &Value::Image(t.texels.clone())),
-        (Value::Texture(t), Value::Image(_)) => {
-            arithmetic(op, &Value::Image(t.texels.clone()), y).map(|v| texture(x, v))
+        (Value::Texture(t), Value::Num(_)) => {
+            arithmetic(op, &Value::Image(t.texels.var().clone()), y).map(|v| texture(x, v))
         }
-        (Value::Image(_), Value::Texture(t)) => arithmetic(op, x, &Value::Image(t.texels.clone())),
+        (Value::Num(_), Value::Texture(t)) => {
+            arithmetic(op, x, &Value::Image(t.texels.var().clone())).map(|v| texture(y, v))
+        }
+        (Value::Texture(_), Value::Texture(t)) => arithmetic(op, x, &Value::Image(t.texels.var().clone())),
+        (Value::Texture(t), Value::Image(_)) => {
+            arithmetic(op, &Value::Image(t.texels.var().clone()), y).map(|v| texture(x, v))
+        }
+        (Value::Image(_), Value::Texture(t)) => arithmetic(op, x, &Value::Image(t.texels.var().clone())),
         (Value::Rotation(_) | Value::Transform(_), _) if op == BinaryOp::Mul => {
             Err("rotations and transforms are applied by `@`".into())
         }

@@ -9,10 +9,10 @@ use glam::{DVec3, Mat3, Vec3};
 use crate::grad::{Scene, SceneError};
 use crate::mesh::Mesh;
 use crate::natives::value::{
-    CameraValue, DeltaLightValue, DeltaModel, Input, LightValue, MaterialValue, MeshValue, ProfileValue, SceneValue,
-    ShapeValue, Value,
+    CameraValue, DeltaLightValue, DeltaModel, Input, LightValue, MaterialValue, MeshValue, PackedTexels, ProfileValue,
+    SceneValue, ShapeValue, Texels, TextureValue, Value,
 };
-use crate::natives::{NEEDS_FOCUS, transform_matrix};
+use crate::natives::{NEEDS_FOCUS, mip_map, profile_rotation, transform_matrix};
 use crate::render::texture::{Filter, Texture, Wrap};
 use crate::render::{
     Camera, Cone, Crop, DeltaLight, Distortion, Emission, Input as RenderInput, Lens, LightMotion, Material,
@@ -98,7 +98,7 @@ impl SceneCache {
 struct Builder {
     description: SceneDescription,
     slots: Vec<(Slot, Var)>,
-    textures: HashMap<(u64, usize, Wrap, bool), TextureId>,
+    textures: HashMap<(u64, usize, Wrap, Filter), TextureId>,
 }
 
 /// Shapes first, then area lights; delta lights in order. `before` is a scene that may be much like this one.
@@ -216,7 +216,7 @@ impl Builder {
                     let what = "a scene has at most one environment".to_string();
                     return Err(LowerError::Scene(SceneError::Light { light: index, what }));
                 }
-                let RenderInput::Texture(radiance) = self.input(radiance, true)? else {
+                let RenderInput::Texture(radiance) = self.map(radiance)? else {
                     return Err(LowerError::Scene(SceneError::Environment {
                         what: "an environment is an image or a color".into(),
                     }));
@@ -274,14 +274,10 @@ impl Builder {
         Ok(match light.model {
             DeltaModel::Point => {
                 let (position, intensity) = (get("position", placement)?, get("intensity", power)?);
-                let Some(ProfileValue { map, rotation: turn }) = &light.profile else {
-                    return Ok(DeltaLight::Point { position, intensity });
-                };
-                let RenderInput::Texture(texels) = self.input(&Input::Texture(map.clone()), true)? else {
-                    return Err(bad("a light's profile is an image"));
-                };
-                let profile = SphericalMap { texels, rotation: self.rotation(turn.as_ref(), rotation) };
-                DeltaLight::Goniometric { position, intensity, profile }
+                match self.profile(light, rotation)? {
+                    Some(profile) => DeltaLight::Goniometric { position, intensity, profile },
+                    None => DeltaLight::Point { position, intensity },
+                }
             }
             DeltaModel::Directional => DeltaLight::Directional {
                 direction: get("direction", placement)?,
@@ -295,13 +291,49 @@ impl Builder {
                 let &[beam, cutoff] = &both.value().to_f32()[..] else {
                     return Err(bad("a spot light has two angles"));
                 };
-                DeltaLight::Spot { position, intensity, cone: Cone { axis, beam, cutoff } }
+                let profile = self.profile(light, rotation)?;
+                DeltaLight::Spot { position, intensity, cone: Cone { axis, beam, cutoff }, profile }
             }
         })
     }
 
+    /// The map of a light's intensities, whose rotation feeds a slot.
+    fn profile(&mut self, light: &DeltaLightValue, rotation: Slot) -> Result<Option<SphericalMap>, LowerError> {
+        let Some(ProfileValue { map, .. }) = &light.profile else { return Ok(None) };
+        let RenderInput::Texture(texels) = self.map(&Input::Texture(map.clone()))? else {
+            return Err(bad("a light's profile is an image"));
+        };
+        let turn = profile_rotation(light)?;
+        Ok(Some(SphericalMap { texels, rotation: self.rotation(turn.as_ref(), rotation) }))
+    }
+
     fn material(&mut self, material: &MaterialValue) -> Result<Material, LowerError> {
         material.try_map(|field, input| self.input(input, field.quantity == Quantity::Color))
+    }
+
+    /// Texels of a map of directions, which has no levels.
+    fn map(&mut self, map: &Input) -> Result<RenderInput, LowerError> {
+        match map {
+            Input::Texture(t) => {
+                let filter = if t.filter == Filter::Trilinear { Filter::Bilinear } else { t.filter };
+                let finest = TextureValue { filter, texels: t.texels.var().clone().into(), ..**t };
+                self.input(&Input::Texture(Arc::new(finest)), true)
+            }
+            _ => self.input(map, true),
+        }
+    }
+
+    /// A texture in bytes.
+    fn packed(&mut self, texels: &PackedTexels, t: &TextureValue) -> Result<RenderInput, LowerError> {
+        let key = (t.texels.id(), texels.image.channels, t.wrap, t.filter);
+        if let Some(&id) = self.textures.get(&key) {
+            return Ok(RenderInput::Texture(id));
+        }
+        let texture = Texture::from_packed(texels.image.clone(), t.wrap, t.filter).map_err(|e| bad(&e.to_string()))?;
+        let id = self.description.textures.len();
+        self.description.textures.push(texture);
+        self.textures.insert(key, id);
+        Ok(RenderInput::Texture(id))
     }
 
     /// Texels of an input: three channels if it is a color. The same node is one texture.
@@ -309,7 +341,10 @@ impl Builder {
         let (var, wrap, filter) = match input {
             Input::VertexColor => return Ok(RenderInput::VertexColor),
             Input::Number(v) => (v, Wrap::Clamp, Filter::Nearest),
-            Input::Texture(t) => (&t.texels, t.wrap, t.filter),
+            Input::Texture(t) => match &t.texels {
+                Texels::Packed(texels) => return self.packed(texels, t),
+                Texels::Var(texels) => (texels, t.wrap, t.filter),
+            },
             Input::Tinted(t) => {
                 let texture = self.input(&Input::Texture(t.clone()), color)?;
                 return Ok(texture.texture().map_or(texture, RenderInput::Tinted));
@@ -320,7 +355,7 @@ impl Builder {
             _ => &[1, 1, if color { 3 } else { 1 }],
         };
         let &[height, width, channels] = shape else { return Err(LowerError::Tape("a texture of no size".into())) };
-        let key = (var.id(), channels, wrap, filter == Filter::Bilinear);
+        let key = (var.id(), channels, wrap, filter);
         if let Some(&id) = self.textures.get(&key) {
             return Ok(RenderInput::Texture(id));
         }
@@ -329,9 +364,13 @@ impl Builder {
             [_] => var.reshape(vec![1, 1, var.len()])?.broadcast_to(shape)?,
             _ => var.broadcast_to(shape)?,
         };
+        let texels = match filter {
+            Filter::Trilinear => mip_map(&texels).map_err(|e| LowerError::Tape(e.message))?,
+            Filter::Bilinear | Filter::Nearest => texels,
+        };
         let id = self.description.textures.len();
         let data = texels.value().to_f32();
-        self.description.textures.push(Texture { width, height, channels, data, wrap, filter });
+        self.description.textures.push(Texture { width, height, channels, data, packed: None, wrap, filter });
         self.feed(Slot::Texels(id), &texels);
         self.textures.insert(key, id);
         Ok(RenderInput::Texture(id))

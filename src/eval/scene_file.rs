@@ -190,7 +190,10 @@ impl Writer<'_> {
             self.tell("what moves stands as it does when the shutter opens", &name);
         }
         if light.profile.is_some() {
-            self.tell("lights of glTF have no `profile`: this one shines equally in all directions", &name);
+            self.tell(
+                "lights of glTF have no `profile`: this one shines equally in all directions that it lights",
+                &name,
+            );
         }
         let vector = |field: &str| -> DVec3 {
             match light.number(field).map(|v| &v.value().data[..]) {
@@ -373,7 +376,7 @@ impl Writer<'_> {
         let (texels, wrap, filter) = match input {
             Input::VertexColor => return Look { constant: Vec3::ONE, image: None },
             Input::Number(number) => return Look { constant: color_of(number), image: None },
-            Input::Texture(t) | Input::Tinted(t) => (&t.texels, t.wrap, t.filter),
+            Input::Texture(t) | Input::Tinted(t) => (t.texels.var(), t.wrap, t.filter),
         };
         let &[height, width, channels] = texels.shape() else {
             return Look { constant: color_of(texels), image: None };

@@ -374,8 +374,14 @@ pub fn difference(
     let drawn = |seeds| statistics(&finite_differences(build, plan, seeds));
     let kept = if kept::draws_all() { None } else { kept::difference(name, &scenes.text()) };
     if long() {
-        let some = if kept.is_some() { (seeds.end / 4).max(8).min(seeds.end) } else { seeds.end };
-        let found = drawn(seeds.start..some);
+        // A difference that is kept is looked at again, in brief: whether the renderer still gives it.
+        let found = match kept {
+            None => drawn(seeds.clone()),
+            Some(_) => {
+                let seeds = seeds.start..(seeds.end / 4).max(8).min(seeds.end);
+                statistics(&finite_differences(build, &Plan { fd_spp: plan.fd_spp.div_ceil(4), ..*plan }, seeds))
+            }
+        };
         kept::record_or_compare(name, &scenes.text(), found, || drawn(2_000_000..2_000_000 + 2 * seeds.end));
         return kept.unwrap_or(found);
     }
@@ -431,8 +437,8 @@ pub fn agree(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camera), plan
     } else {
         None
     };
-    // A check of one that is kept says enough from half of the samples.
-    let fd_spp = if kept.is_some() { (plan.fd_spp / 2).max(16) } else { plan.fd_spp };
+    // A check of one that is kept says enough from a quarter of the samples.
+    let fd_spp = if kept.is_some() { (plan.fd_spp / 4).max(16) } else { plan.fd_spp };
     let mut found = compare(name, build, &Plan { fd_spp, ..plan }, if more > 1 { plan.seeds } else { 8 }, kept);
     if found.z().abs() >= DOUBT {
         let afresh = Plan { seeds: 4 * plan.seeds, fd_seeds: 4 * plan.fd_seeds, from: 1_000_000, ..plan };

@@ -98,7 +98,7 @@ impl Made {
 
 fn texture(b: &mut Builder, [width, height]: [usize; 2], data: Vec<f32>) -> Input {
     let (wrap, filter) = (Wrap::Repeat, Filter::Bilinear);
-    b.description.textures.push(Texture { width, height, channels: 3, data, wrap, filter });
+    b.description.textures.push(Texture { width, height, channels: 3, data, packed: None, wrap, filter });
     Input::Texture(b.description.textures.len() - 1)
 }
 

@@ -229,6 +229,8 @@ enum View {
     Spot,
     /// The same ball and camera, lit by a point with a profile.
     Profile,
+    /// The same with a cone.
+    ProfiledSpot,
     /// A ball that absorbs, lit by a sun, through a lens.
     Sun,
     /// What a bowl of a mirror with smooth normals throws on a floor.
@@ -276,12 +278,12 @@ impl Row {
         let lamp = vec3(0.6, 3.0, 0.1) + along(Moves::Lamp);
         let aim = vec3(-0.5, -1.6, -0.1) + along(Moves::Aim);
         let camera = match self.view {
-            View::Ball | View::Spot | View::Profile => {
+            View::Ball | View::Spot | View::Profile | View::ProfiledSpot => {
                 glass(&mut b, body(sphere(0.5, 32).unwrap(), vec3(0.0, 0.8, 0.0)), index, None);
                 if self.view == View::Ball {
                     point(&mut b, lamp, Vec3::splat(9.0));
                     plain
-                } else if self.view == View::Profile {
+                } else if matches!(self.view, View::Profile | View::ProfiledSpot) {
                     let data =
                         (0..9 * 5).map(|i| 1.0 + 0.8 * (1.7 * i as f32).sin() + shift(Moves::Beam) * (i % 4) as f32);
                     let map = texture::Texture::new(
@@ -297,12 +299,17 @@ impl Row {
                     let rotation = Mat3::from_rotation_z(0.4 + shift(Moves::Aim)) * Mat3::from_rotation_x(0.7);
                     let profile = SphericalMap { texels, rotation };
                     let (position, intensity) = (lamp, Vec3::splat(9.0));
-                    b.description.delta_lights.push(DeltaLight::Goniometric { position, intensity, profile });
+                    b.description.delta_lights.push(if self.view == View::Profile {
+                        DeltaLight::Goniometric { position, intensity, profile }
+                    } else {
+                        let cone = Cone { axis: aim, beam: 0.05, cutoff: 0.5 };
+                        DeltaLight::Spot { position, intensity, cone, profile: Some(profile) }
+                    });
                     plain
                 } else {
                     let cone = Cone { axis: aim, beam: 0.05 + shift(Moves::Beam), cutoff: 0.5 };
                     let (position, intensity) = (lamp, Vec3::splat(9.0));
-                    b.description.delta_lights.push(DeltaLight::Spot { position, intensity, cone });
+                    b.description.delta_lights.push(DeltaLight::Spot { position, intensity, cone, profile: None });
                     let scale = [1.0 + shift(Moves::Zoom); 2];
                     Camera { projection: Projection::Orthographic, scale, ..plain }
                 }
@@ -391,6 +398,7 @@ fn the_caustic_of_a_spot_has_its_derivatives() {
 fn the_caustic_of_a_profile_has_its_derivatives() {
     use Moves::*;
     check_all(View::Profile, &[Body, Lamp, Aim, Beam]);
+    check_all(View::ProfiledSpot, &[Aim]);
 }
 
 #[test]

@@ -19,6 +19,7 @@ mod glass;
 mod ltc;
 mod masks;
 mod materials;
+mod mip_maps;
 mod modes;
 mod normal_maps;
 mod pixel_filters;

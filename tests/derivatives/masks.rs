@@ -58,7 +58,7 @@ fn leaves(
         };
         let data = (0..36).map(|i| s.density * opacity(i)).collect();
         let (wrap, filter) = (Wrap::Clamp, Filter::Bilinear);
-        let texture = Texture { width: 6, height: 6, channels: 1, data, wrap, filter };
+        let texture = Texture { width: 6, height: 6, channels: 1, data, packed: None, wrap, filter };
         b.description.textures.push(texture);
         let opacity = Some(Input::Texture(b.description.textures.len() - 1));
         let uvs = [[0.1, 0.1], [0.95, 0.0], [0.9, 1.0], [0.0, 0.9]].map(|[u, v]| glam::vec2(u + s.shift, v));

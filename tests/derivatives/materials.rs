@@ -163,7 +163,15 @@ impl Row {
                 let texels = [0.3, 1.4, 0.5, 2.0, 0.7, 0.2, 1.6, 0.4];
                 let data = texels.iter().flat_map(|x| [*x, 0.8 * x + 0.1, 1.2 - 0.4 * x]).collect();
                 let (wrap, filter) = (Wrap::Repeat, Filter::Bilinear);
-                b.description.textures.push(Texture { width: 4, height: 2, channels: 3, data, wrap, filter });
+                b.description.textures.push(Texture {
+                    width: 4,
+                    height: 2,
+                    channels: 3,
+                    data,
+                    packed: None,
+                    wrap,
+                    filter,
+                });
                 let radiance = b.description.textures.len() - 1;
                 // Where the mirror direction is, colours change along the tilt.
                 let rotation = glam::Mat3::from_rotation_z(0.6);

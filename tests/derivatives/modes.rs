@@ -33,6 +33,7 @@ fn scene() -> (SceneDescription, Camera) {
         position: vec3(1., 2.5, -0.5),
         intensity: Vec3::splat(6.),
         cone,
+        profile: None,
     });
     (b.description, look_at(vec3(0.5, 2., -4.), vec3(0., 0.4, 0.), 45., 24))
 }

@@ -17,7 +17,7 @@ fn waves(b: &mut Builder, amplitude: f32) -> Input {
     };
     let data = (0..SIZE * SIZE).flat_map(|i| texel(i).to_array()).collect();
     let (wrap, filter) = (Wrap::Repeat, Filter::Bilinear);
-    b.description.textures.push(Texture { width: SIZE, height: SIZE, channels: 3, data, wrap, filter });
+    b.description.textures.push(Texture { width: SIZE, height: SIZE, channels: 3, data, packed: None, wrap, filter });
     Input::Texture(b.description.textures.len() - 1)
 }
 
@@ -88,7 +88,7 @@ impl Made {
         let texels = [0.3, 1.4, 0.5, 2.0, 0.7, 0.2, 1.6, 0.4];
         let data = texels.iter().flat_map(|x| [*x, 0.8 * x + 0.1, 1.2 - 0.4 * x]).collect();
         let (wrap, filter) = (Wrap::Repeat, Filter::Bilinear);
-        b.description.textures.push(Texture { width: 4, height: 2, channels: 3, data, wrap, filter });
+        b.description.textures.push(Texture { width: 4, height: 2, channels: 3, data, packed: None, wrap, filter });
         let radiance = b.description.textures.len() - 1;
         b.description.environment = Some(SphericalMap { texels: radiance, rotation: Mat3::from_rotation_z(0.6) });
         (b.description, look_at(vec3(0.0, self.eye, -2.5), vec3(0.0, 0.1, 0.0), 40.0, 12))

@@ -261,7 +261,7 @@ impl World {
                 let data = data.into_iter().enumerate();
                 let data = data.map(|(i, v)| if (spot..spot + 3).contains(&i) { v + bright } else { v }).collect();
                 let (wrap, filter) = (Wrap::Repeat, Filter::Bilinear);
-                scene.textures.push(Texture { width: 8, height: 4, channels: 3, data, wrap, filter });
+                scene.textures.push(Texture { width: 8, height: 4, channels: 3, data, packed: None, wrap, filter });
                 // As far as the light's motion turns the place above.
                 let rotation = Mat3::from_quat(glam::Quat::from_rotation_arc(at.normalize(), place.normalize()));
                 scene.environment = Some(SphericalMap { texels: scene.textures.len() - 1, rotation });
@@ -382,13 +382,13 @@ fn enriched((mut scene, camera): (SceneDescription, Camera), number: u64) -> (Sc
                 continue;
             }
             let cone = Cone { axis: vec3(0.1, 0.2, 0.0) - position, beam: 0.2, cutoff: 0.7 };
-            *light = DeltaLight::Spot { position, intensity: 2.0 * intensity, cone };
+            *light = DeltaLight::Spot { position, intensity: 2.0 * intensity, cone, profile: None };
         }
     }
     if number.is_multiple_of(2) {
         let way = vec3(0.1, 0.02, -0.05);
-        if let Some(DeltaLight::Spot { position, intensity, cone }) = scene.delta_lights.first().cloned() {
-            let closing = DeltaLight::Spot { position: position + way, intensity, cone };
+        if let Some(DeltaLight::Spot { position, intensity, cone, profile }) = scene.delta_lights.first().cloned() {
+            let closing = DeltaLight::Spot { position: position + way, intensity, cone, profile };
             scene.light_motions.push(LightMotion { light: 0, closing });
         }
         let shape = number as usize % scene.shapes.len();

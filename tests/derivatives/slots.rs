@@ -96,6 +96,12 @@ const CASES: &[Case] = &[
         step: 0.05,
     },
     Case {
+        name: "a spot light with a profile",
+        param: "param p = [0.3, 0.5, 2.5]",
+        scene: "let map = image([[1 + sin(i * 45deg + j * 60deg) * p.x for i in 0..8] for j in 0..4])\nshape s { mesh: rectangle(width: 4, depth: 4) |> rotate(x: 90deg) }\nlight l = spot(position: p, direction: [0.2, p.x - p.y, -1], intensity: 9 * p.z, cutoff: p.z * 12deg, beam: p.x * 20deg, profile: map)",
+        step: 0.02,
+    },
+    Case {
         name: "a rotation",
         param: "param p: rotation = euler(y: 20deg)",
         scene: "shape s { mesh: cube() |> rotate(by: p) }\nlight l = directional(direction: [0.3, -1, -2], irradiance: 3)",

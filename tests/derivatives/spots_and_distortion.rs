@@ -32,7 +32,12 @@ fn stage(f: impl Fn(f32, &mut Stage)) -> impl Fn(f32) -> (SceneDescription, Came
         let corners = [vec3(-0.9, 1.5, -0.4), vec3(-0.8, 1.8, 0.5), vec3(0.1, 1.4, -0.5), vec3(0.2, 1.6, 0.4)];
         b.add(mesh(corners.map(|v| v + s.blocker).to_vec(), vec![[0, 1, 2], [1, 3, 2]]), grey);
         let cone = Cone { axis: s.axis, beam: s.beam, cutoff: s.cutoff };
-        b.description.delta_lights.push(DeltaLight::Spot { position: s.position, intensity: Vec3::splat(30.), cone });
+        b.description.delta_lights.push(DeltaLight::Spot {
+            position: s.position,
+            intensity: Vec3::splat(30.),
+            cone,
+            profile: None,
+        });
         (b.description, look_at(vec3(0., 2.4, -5.), Vec3::ZERO, 45., 32))
     }
 }

@@ -177,6 +177,7 @@ fn spot_and_sun(b: &mut Builder) {
         position: vec3(1., 2.5, -0.5),
         intensity: Vec3::splat(6.),
         cone,
+        profile: None,
     });
     b.description.delta_lights.push(DeltaLight::Directional { direction: vec3(0.4, -1., 0.3), irradiance: Vec3::ONE });
 }

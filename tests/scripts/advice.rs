@@ -140,10 +140,10 @@ const ROWS: &[Row] = &[
     ("let a = int(\"3\")", "int", "3", "let a = 3"),
     // Lights by profiles.
     (
-        "light l = spot(position: v, direction: [0, -1, 0], profile: image([[1]]))",
+        "light l = spot(position: v, direction: [0, -1, 0], ies: image([[1]]))",
+        "ies",
         "profile",
-        "point(position: …, profile: …, rotation: aim(…))",
-        "light l = point(position: v, profile: image([[1]]), rotation: aim([0, -1, 0]))",
+        "light l = spot(position: v, direction: [0, -1, 0], profile: image([[1]]))",
     ),
     (
         "light l = point(position: v, direction: [0, -1, 0], profile: image([[1]]))",

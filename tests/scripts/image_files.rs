@@ -6,7 +6,7 @@ use std::path::Path;
 
 use assert_cmd::Command;
 use dscene::image::Image;
-use dscene::image::file::{Decoded, Encoding, decode};
+use dscene::image::file::{self, Decoded, Encoding, decode};
 use exr::image::Encoding as Storage;
 use exr::prelude::*;
 
@@ -368,6 +368,30 @@ fn sizes_are_known_before_memory_is_taken() {
         assert_eq!(code, 1, "{name}: {text}");
         assert!(text.contains("dscene::run::memory") && text.contains("--memory 16GB"), "{name}: {text}");
         assert!(text.contains("s.dscene:1:18"), "{name}: {text}");
+    }
+}
+
+/// A texture that nothing is computed with is held in bytes, by the value and by the renderer together; on the tape a number takes eight.
+#[test]
+fn textures_of_files_take_a_byte_a_number() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut image = Image::new(2048, 2048, 3);
+    image.data.iter_mut().enumerate().for_each(|(i, x)| *x = (i / 5 % 256) as f32 / 255.0);
+    file::save(&folder.path().join("big.png"), &image).unwrap();
+    let script = |of: &str| {
+        format!(
+            "camera eye {{ position: [0, 2, 0], look_at: [0, 0, 0], up: [0, 0, 1], film: [16, 16] }}\n\
+             light sky = constant(radiance: 1)\nlet paint = texture(\"big.png\")\n\
+             shape ground {{ mesh: rectangle(width: 9, depth: 9), material: diffuse(reflectance: {of}) }}\n\
+             let seen = mean(render(eye, spp: 4))\nexpect 0.1 < seen\nexpect seen < 0.9\n"
+        )
+    };
+    // 50 MB are those of the picture as it is read.
+    for (of, code) in [("paint", 0), ("0.9 * paint", 1)] {
+        fs::write(folder.path().join("s.dscene"), script(of)).unwrap();
+        let memory = ["run", "s.dscene", "--memory", "170MB", "--out", "o", "--force"];
+        let (found, text) = dsl(folder.path(), &memory);
+        assert_eq!(found, code, "{of}: {text}");
     }
 }
 

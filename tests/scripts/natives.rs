@@ -112,6 +112,8 @@ const DERIVATIVES: &[(&str, &str, &str)] = &[
     ("translation", "translation(v) @ w", "v"),
     ("scaling", "scaling(v) @ w", "v"),
     ("look_at", "matrix(look_at(v, w))", "v"),
+    ("aim", "matrix(aim(v, turn: turn))", "v"),
+    ("aim", "matrix(aim(v, turn: turn))", "turn"),
     ("compose", "matrix(compose(rotation(angle: turn), translation(v)))", "v"),
     ("matrix", "matrix(rotation(angle: turn))", "turn"),
     ("minibatch", "minibatch(v ^ 2, 2)", "v"),

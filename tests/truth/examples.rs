@@ -2,6 +2,8 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use crate::place::Place;
@@ -25,27 +27,32 @@ fn scripts() -> Vec<PathBuf> {
     found
 }
 
+/// Runs a script; an error says what has gone wrong.
+fn run(script: &Path) -> Result<(), String> {
+    let (place, begun) = (Place::new(), Instant::now());
+    let mut command = place.command(&["run", script.to_str().unwrap(), "--out", "run", "--quiet"]);
+    // Others have half of the processors meanwhile.
+    let output = command.timeout(Duration::from_secs(600)).output().unwrap();
+    println!("{:6.1} s {}", begun.elapsed().as_secs_f64(), script.display());
+    let what = || format!("{}:\n{}", script.display(), String::from_utf8_lossy(&output.stderr));
+    output.status.success().then_some(()).ok_or_else(what)
+}
+
 #[test]
 fn examples_find_what_they_look_for() {
-    let scripts = scripts();
-    let mut wrong = Vec::new();
-    let mut done = 0;
-    for script in &scripts {
-        // Weights of networks are fetched only for the tests that ask for them.
-        let text = fs::read_to_string(script).unwrap();
-        if text.contains("load_network(") && std::env::var_os("DSCENE_NETWORKS").is_none() {
-            continue;
+    // Weights of networks are fetched only for the tests that ask for them.
+    let has_weights = std::env::var_os("DSCENE_NETWORKS").is_some();
+    let mut scripts = scripts();
+    scripts.retain(|script| has_weights || !fs::read_to_string(script).unwrap().contains("load_network("));
+    assert!(scripts.len() > 30, "{} scripts", scripts.len());
+    // Two at a time: what one does on a single thread is time for the other.
+    let (next, wrong) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
+    let lane = || {
+        while let Some(script) = scripts.get(next.fetch_add(1, Ordering::Relaxed)) {
+            wrong.lock().unwrap().extend(run(script).err());
         }
-        let (place, begun) = (Place::new(), Instant::now());
-        let mut command = place.command(&["run", script.to_str().unwrap(), "--out", "run", "--quiet"]);
-        // Other tests have half of the processors meanwhile.
-        let output = command.timeout(Duration::from_secs(600)).output().unwrap();
-        println!("{:6.1} s {}", begun.elapsed().as_secs_f64(), script.display());
-        if !output.status.success() {
-            wrong.push(format!("{}:\n{}", script.display(), String::from_utf8_lossy(&output.stderr)));
-        }
-        done += 1;
-    }
-    assert!(done > 30, "{done} scripts");
+    };
+    std::thread::scope(|scope| (0..2).for_each(|_| drop(scope.spawn(lane))));
+    let wrong = wrong.into_inner().unwrap();
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }

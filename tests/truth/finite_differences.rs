@@ -118,7 +118,8 @@ fn environment_shadow(f: impl Fn(f32, &mut Blocker)) -> impl Fn(f32) -> (SceneDe
             .collect();
         let wrap = dscene::render::texture::Wrap::Repeat;
         let filter = dscene::render::texture::Filter::Bilinear;
-        let map = dscene::render::texture::Texture { width: w, height: h, channels: 3, data, wrap, filter };
+        let map =
+            dscene::render::texture::Texture { width: w, height: h, channels: 3, data, packed: None, wrap, filter };
         b.description.textures.push(map);
         let radiance = b.description.textures.len() - 1;
         let rotation = glam::Mat3::from_rotation_y(s.light.x) * glam::Mat3::from_rotation_x(s.light.z);
@@ -382,6 +383,7 @@ fn uv_seams_are_not_silhouettes() {
             height: 8,
             channels: 3,
             data,
+            packed: None,
             wrap,
             filter,
         });

@@ -597,19 +597,25 @@ impl<'a> Adjoints<'a> {
                     return [0.0; 3];
                 }
                 let uv = self.scene.uv(prim, b);
-                let footprint = texture.footprint(uv);
-                if start != NONE {
-                    let sink = &mut *self.sink;
-                    texture.scatter_footprint(&footprint, d, |i, v| sink.add(start as usize + i, v));
-                }
-                if !slides {
-                    let shape = self.scene.prims[prim as usize].shape as usize;
-                    if self.layout.uvs[shape] == NONE {
-                        return [0.0; 3];
+                let still = !slides && self.layout.uvs[self.scene.prims[prim as usize].shape as usize] == NONE;
+                let mut d_uv = Vec2::ZERO;
+                // Which levels of a mip map are read is not differentiated.
+                let lod = self.scene.level_of_detail(texture, prim, b);
+                for (footprint, weight) in texture.footprints(uv, lod) {
+                    if weight == 0.0 {
+                        continue;
+                    }
+                    let d = d * weight;
+                    if start != NONE {
+                        let sink = &mut *self.sink;
+                        texture.scatter_footprint(&footprint, d, |i, v| sink.add(start as usize + i, v));
+                    }
+                    if !still {
+                        let [du, dv] = texture.uv_gradient(&footprint);
+                        d_uv += Vec2::new(du.dot(d), dv.dot(d));
                     }
                 }
-                let [du, dv] = texture.uv_gradient(&footprint);
-                self.uv(prim, b, Vec2::new(du.dot(d), dv.dot(d)))
+                if still { [0.0; 3] } else { self.uv(prim, b, d_uv) }
             }
             Input::VertexColor => {
                 let id = self.scene.prims[prim as usize];

@@ -24,6 +24,17 @@ pub fn downsample(image: &Image) -> Result<Image, ImageError> {
     Separable::downsample(image.width, image.height)?.image(image)
 }
 
+/// The next level of a mip map: half as many pixels a side, an odd number rounded up. Each is the mean over the part of the image that it
+/// covers, so that all pixels count alike and the mean of the image stays.
+pub fn halve(image: &Image) -> Result<Image, ImageError> {
+    Separable::halve(image.width, image.height)?.image(image)
+}
+
+/// Adjoint of [`halve`] of a `width × height` image.
+pub fn d_halve(d_output: &Image, width: usize, height: usize) -> Result<Image, ImageError> {
+    Separable::halve(width, height)?.d_image(d_output)
+}
+
 /// Adjoint of [`downsample`] of a `width × height` image.
 pub fn d_downsample(d_output: &Image, width: usize, height: usize) -> Result<Image, ImageError> {
     Separable::downsample(width, height)?.d_image(d_output)
@@ -119,6 +130,12 @@ impl Separable {
     pub fn downsample(width: usize, height: usize) -> Result<Separable, ImageError> {
         nonempty("the image to downsample", width, height)?;
         Ok(Separable { x: Taps::halve(width), y: Taps::halve(height) })
+    }
+
+    /// See [`halve`]. Fails for an image without pixels.
+    pub fn halve(width: usize, height: usize) -> Result<Separable, ImageError> {
+        nonempty("the image to halve", width, height)?;
+        Ok(Separable { x: Taps::halves(width), y: Taps::halves(height) })
     }
 
     /// From `width × height` to `to_width × to_height`.
@@ -278,6 +295,19 @@ impl Taps {
     fn halve(n: usize) -> Taps {
         let row = |i: usize| Row::normalised(2 * i, vec![1.0; 2.min(n - 2 * i)]);
         Taps { input: n, rows: (0..n.div_ceil(2)).map(row).collect() }
+    }
+
+    /// Means over ⌈n/2⌉ equal parts of a row; pixels on the border of two parts count for both.
+    fn halves(n: usize) -> Taps {
+        let to = n.div_ceil(2);
+        let row = |i: usize| {
+            // In units of 1 / to pixels, so that all is whole.
+            let (low, high) = (i * n, (i + 1) * n);
+            let (start, end) = (low / to, high.div_ceil(to));
+            let share = |j: usize| ((j + 1) * to).min(high) - (j * to).max(low);
+            Row { start, weights: (start..end).map(|j| share(j) as f64 / n as f64).collect() }
+        };
+        Taps { input: n, rows: (0..to).map(row).collect() }
     }
 
     fn tent(n: usize, to: usize) -> Taps {

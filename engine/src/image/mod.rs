@@ -9,6 +9,7 @@ pub mod filter;
 pub mod flip;
 mod hdr;
 mod jpeg;
+pub mod packed;
 mod png;
 
 use serde::{Deserialize, Serialize};

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use crate::tape::{Slice, Tensor, Var};
 
 use super::blends::blended;
-use super::lights::{rotation_of, unusable_profile};
+use super::lights::{profile_rotation, rotation_of, unusable_profile};
 use super::scene::transform_matrix;
 use super::value::{
     CameraValue, DeltaLightValue, Input, LightValue, MaterialValue, MeshValue, ProfileValue, SettingsKind,
@@ -30,7 +30,7 @@ pub fn field(value: &Value, name: &str) -> Option<Value> {
             _ => Some(Value::Image(v.components(&swizzle(name, v.shape()[2])?).ok()?)),
         },
         Value::Texture(t) => match name {
-            "texels" => Some(Value::Image(t.texels.clone())),
+            "texels" => Some(Value::Image(t.texels.var().clone())),
             "width" => Some(Value::scalar(t.texels.shape()[1] as f64)),
             "height" => Some(Value::scalar(t.texels.shape()[0] as f64)),
             _ => None,
@@ -154,7 +154,7 @@ pub fn set_field(value: &Value, path: &[String], new: Value) -> Result<Value> {
         }
         Value::Texture(t) if name == "texels" => {
             let texels = new.var().filter(|v| v.shape().len() == 3).ok_or_else(refuse)?.clone();
-            Ok(Value::Texture(Arc::new(TextureValue { texels, ..(**t).clone() })))
+            Ok(Value::Texture(Arc::new(TextureValue { texels: texels.into(), ..(**t).clone() })))
         }
         Value::Mesh(m) => {
             let v = new.var().ok_or_else(refuse)?;
@@ -287,7 +287,7 @@ fn as_input(value: &Value) -> Option<Input> {
         Value::Num(v) if v.shape() == [3] => Some(Input::Number(v.clone())),
         Value::Texture(t) => Some(Input::Texture(t.clone())),
         Value::Image(v) if matches!(v.shape()[2], 1 | 3) => Some(Input::Texture(Arc::new(TextureValue {
-            texels: v.clone(),
+            texels: v.clone().into(),
             wrap: crate::render::texture::Wrap::Repeat,
             filter: crate::render::texture::Filter::Bilinear,
         }))),
@@ -297,6 +297,7 @@ fn as_input(value: &Value) -> Option<Input> {
 }
 
 fn light_field(light: &LightValue, name: &str) -> Option<Value> {
+    let identity = || Var::constant(Tensor::identity(3));
     match (light, name) {
         (LightValue::Area { mesh, .. }, "mesh") => Some(Value::Mesh(mesh.clone())),
         (LightValue::Area { radiance, .. } | LightValue::Environment { radiance, .. }, "radiance" | "image") => {
@@ -307,9 +308,10 @@ fn light_field(light: &LightValue, name: &str) -> Option<Value> {
         (LightValue::Delta(DeltaLightValue { profile: Some(profile), .. }), "profile") => {
             Some(Value::Texture(profile.map.clone()))
         }
-        (LightValue::Delta(DeltaLightValue { profile: Some(ProfileValue { rotation, .. }), .. }), "rotation")
-        | (LightValue::Environment { rotation, .. }, "rotation") => {
-            let identity = || Var::constant(Tensor::identity(3));
+        (LightValue::Delta(light @ DeltaLightValue { profile: Some(_), .. }), "rotation") => {
+            Some(Value::Rotation(profile_rotation(light).ok()?.unwrap_or_else(identity)))
+        }
+        (LightValue::Environment { rotation, .. }, "rotation") => {
             Some(Value::Rotation(rotation.clone().unwrap_or_else(identity)))
         }
         (LightValue::Delta(light), _) => light.number(name).cloned().map(Value::Num),

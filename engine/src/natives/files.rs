@@ -20,7 +20,7 @@ use crate::work;
 use super::scene::{add_to_scene, grey};
 use super::value::{
     CameraValue, DeltaLightValue, DeltaModel, Input, LightValue, MaterialValue, MeshValue, SceneValue, ShapeValue,
-    TextureValue, Value,
+    Texels, TextureValue, Value,
 };
 use super::{Args, Native, NativeError, Result};
 
@@ -213,7 +213,7 @@ fn color(color: glam::Vec3) -> Input {
 
 fn texels(loaded: LoadedImage) -> Input {
     let image: &Image = &loaded.image;
-    let texels = Var::constant(Tensor::from_image(image));
+    let texels = Texels::of_image(image);
     let filter = if loaded.nearest { Filter::Nearest } else { Filter::Bilinear };
     Input::Texture(Arc::new(TextureValue { texels, wrap: loaded.wrap, filter }))
 }

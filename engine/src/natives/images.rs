@@ -2,9 +2,11 @@
 
 use std::sync::Arc;
 
+use crate::image::Image;
 use crate::image::file::{self, Encoding};
 use crate::image::filter::Separable;
 use crate::memory;
+use crate::render::texture::mip_sizes;
 use crate::stop;
 use crate::tape::{AxisFilter, CustomOp, Slice, TapeError, Tensor, Var};
 
@@ -55,7 +57,7 @@ pub(super) const TABLE: &[(&str, Native)] = &[
 
 /// Reads the image file that an argument names, with the call's `srgb` and `layer` if it has them. Warns about features of the file that
 /// are not supported.
-pub(super) fn read_image(a: &Args, index: usize) -> Result<Var> {
+pub(super) fn decoded_image(a: &Args, index: usize) -> Result<Image> {
     let encoding = match a.boolean("srgb")? {
         Some(true) => Encoding::Srgb,
         Some(false) => Encoding::Linear,
@@ -69,8 +71,14 @@ pub(super) fn read_image(a: &Args, index: usize) -> Result<Var> {
     for note in decoded.notes {
         a.warn(NativeError::at(index, note));
     }
-    memory::ask_for::<f64>(decoded.image.data.len())?;
-    Ok(Var::constant(Tensor::from_image(&decoded.image)))
+    Ok(decoded.image)
+}
+
+/// [`decoded_image`] on the tape.
+pub(super) fn read_image(a: &Args, index: usize) -> Result<Var> {
+    let image = decoded_image(a, index)?;
+    memory::ask_for::<f64>(image.data.len())?;
+    Ok(Var::constant(Tensor::from_image(&image)))
 }
 
 /// A separable filter as an operation of the tape.
@@ -107,6 +115,20 @@ pub(super) fn linear(x: &Var, filter: Result<Separable, crate::image::ImageError
     let (width, height) = filter.output_size();
     let value = Tensor { shape: vec![height, width, channels], data: filter.apply(&x.value().data, channels) };
     Ok(Var::custom(Arc::new(Filter { filter, channels }), vec![x.clone()], value))
+}
+
+/// The levels of the mip map of texels, one after the other as [`crate::render::texture::Texture::data`] has them.
+pub fn mip_map(texels: &Var) -> Result<Var> {
+    let &[height, width, channels] = texels.shape() else {
+        return Err(NativeError::new("a texture has rows, columns and channels"));
+    };
+    memory::ask_for::<f64>(texels.len().saturating_mul(2))?;
+    let mut levels = vec![texels.clone()];
+    for [width, height] in mip_sizes(width, height).take_while(|size| *size != [1, 1]) {
+        levels.extend(levels.last().map(|level| linear(level, Separable::halve(width, height))).transpose()?);
+    }
+    let flat = levels.iter().map(|level| level.reshape(vec![level.len() / channels, channels]));
+    Ok(Var::concat(&flat.collect::<std::result::Result<Vec<_>, _>>()?, 0)?)
 }
 
 /// Means over blocks of pixels; blocks at the right and lower border may be smaller.

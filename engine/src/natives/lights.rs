@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use crate::render::texture::{Filter, Wrap};
-use crate::tape::{Tensor, Var};
+use crate::tape::{Slice, TapeError, Tensor, Var};
 
 use super::data::{is_photometric, load_profile};
 use super::images::read_image;
@@ -21,6 +21,10 @@ pub(super) const TABLE: &[(&str, Native)] = &[
         delta_light(DeltaModel::Directional, numbers)
     }),
     ("environment", environment),
+    ("aim", |a| {
+        let turn = a.named_var("turn")?.cloned();
+        Ok(Value::Rotation(aim(&axis(a)?, turn.as_ref())?))
+    }),
     ("constant", |a| light(LightValue::Environment { radiance: Input::Number(power(a, "radiance")?), rotation: None })),
 ];
 
@@ -34,17 +38,61 @@ fn delta_light(model: DeltaModel, numbers: Vec<(&'static str, Var)>) -> Result<V
 
 fn point(a: &Args) -> Result<Value> {
     let numbers = vec![("position", a.needed_vector("position")?), ("intensity", power(a, "intensity")?)];
+    let help = "a point light shines equally in all directions: leave `rotation` out, or give it a `profile`";
+    let profile = profile_arguments(a, help)?;
+    light(LightValue::Delta(DeltaLightValue { model: DeltaModel::Point, numbers, profile, closing: None }))
+}
+
+/// The arguments `profile` and `rotation`; `help` is for a light that has the latter only.
+fn profile_arguments(a: &Args, help: &str) -> Result<Option<ProfileValue>> {
     let rotation = rotation_argument(a)?;
-    let profile = match a.named("profile") {
-        Some((i, _)) => Some(ProfileValue { map: profile(a, i)?, rotation }),
+    match a.named("profile") {
+        Some((i, _)) => Ok(Some(ProfileValue { map: profile(a, i)?, rotation })),
         None if rotation.is_some() => {
             let error = NativeError::new("`rotation` turns a `profile`, and this light has none");
-            let help = "a point light shines equally in all directions: leave `rotation` out, or give it a `profile`";
-            return Err(NativeError { arg: a.index("rotation"), ..error.help(help) });
+            Err(NativeError { arg: a.index("rotation"), ..error.help(help) })
         }
-        None => None,
+        None => Ok(None),
+    }
+}
+
+/// How the profile of a light is turned, if it is: that of a spot hangs down along its direction unless it is said otherwise.
+pub fn profile_rotation(light: &DeltaLightValue) -> std::result::Result<Option<Var>, TapeError> {
+    let Some(profile) = &light.profile else { return Ok(None) };
+    match (&profile.rotation, light.model, light.number("direction")) {
+        (None, DeltaModel::Spot, Some(direction)) => aim(direction, None).map(Some),
+        (rotation, ..) => Ok(rotation.clone()),
+    }
+}
+
+/// The least rotation that turns what hangs down into a direction d, after a turn about the vertical. With d = (x, y, z) it is, by
+/// Rodrigues' formula for two unit vectors, c I + [v]ₓ + v vᵀ / (1 + c) of c = −y and v = (−z, 0, x).
+fn aim(direction: &Var, turn: Option<&Var>) -> std::result::Result<Var, TapeError> {
+    let d = direction.normalize()?;
+    // Straight up there is no least one: half a turn about x.
+    let tilt = if d.value().data.get(1).is_some_and(|y| *y > 0.999_999) {
+        let half_turn = vec![1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, -1.0];
+        Var::constant(Tensor::new(vec![3, 3], half_turn))
+    } else {
+        let [x, y, z] = [0, 1, 2].map(|i| d.slice(&[Slice::At(i)]));
+        let (x, y, z) = (x?, y?, z?);
+        let c = y.neg();
+        let k = Var::from(1.0).div(&Var::from(1.0).sub(&y)?)?;
+        let across = k.mul(&x)?.mul(&z)?.neg();
+        let rows = [
+            [c.add(&k.mul(&z)?.mul(&z)?)?, x.neg(), across.clone()],
+            [x.clone(), c.clone(), z.clone()],
+            [across, z.neg(), c.add(&k.mul(&x)?.mul(&x)?)?],
+        ];
+        Var::stack(&rows.concat())?.reshape(vec![3, 3])?
     };
-    light(LightValue::Delta(DeltaLightValue { model: DeltaModel::Point, numbers, profile, closing: None }))
+    match turn {
+        None => Ok(tilt),
+        Some(turn) => {
+            let vertical = Var::constant(Tensor::vector(vec![0.0, 1.0, 0.0]));
+            tilt.matmul(&Var::rotation_about(&vertical, turn)?)
+        }
+    }
 }
 
 /// The map of a light's profile: a photometric file, or an image as those of environments.
@@ -73,7 +121,7 @@ fn no_vertices(index: usize) -> NativeError {
 
 /// An image as the map of an environment or a profile.
 fn interpolated(texels: Var) -> Arc<TextureValue> {
-    Arc::new(TextureValue { texels, wrap: Wrap::Repeat, filter: Filter::Bilinear })
+    Arc::new(TextureValue { texels: texels.into(), wrap: Wrap::Repeat, filter: Filter::Bilinear })
 }
 
 /// Why a texture cannot be a profile. A step in it would cast an outline, whose derivatives no edge of a mesh would give.
@@ -133,7 +181,9 @@ fn spot(a: &Args) -> Result<Value> {
         ("cutoff", cutoff),
         ("beam", beam),
     ];
-    delta_light(DeltaModel::Spot, numbers)
+    let help = "a spot lights its cone evenly: leave `rotation` out, or give it a `profile`";
+    let profile = profile_arguments(a, help)?;
+    light(LightValue::Delta(DeltaLightValue { model: DeltaModel::Spot, numbers, profile, closing: None }))
 }
 
 /// Three numbers of at least 0; 1 where missing.
@@ -173,7 +223,8 @@ fn environment(a: &Args) -> Result<Value> {
         radiance = match radiance {
             Input::Number(v) => Input::Number(v.mul(&scale)?),
             Input::Texture(t) => {
-                Input::Texture(Arc::new(TextureValue { texels: t.texels.mul(&scale)?, ..(*t).clone() }))
+                let texels = t.texels.var().mul(&scale)?.into();
+                Input::Texture(Arc::new(TextureValue { texels, ..(*t).clone() }))
             }
             other => other,
         };

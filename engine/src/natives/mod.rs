@@ -34,6 +34,8 @@ pub use priors::distribution_of;
 use value::{MeshValue, Value};
 
 pub use fields::{field, fields_of, set_field};
+pub use images::mip_map;
+pub use lights::profile_rotation;
 pub use linear::apply;
 pub use near::{Deviation, deviation};
 pub use scene::{NEEDS_FOCUS, add_to_scene, transform_matrix};
@@ -263,7 +265,7 @@ impl<'a> Args<'a> {
     pub fn image(&self, index: usize) -> Result<Var> {
         let image = match self.value(index)? {
             Value::Image(v) => v.clone(),
-            Value::Texture(t) => t.texels.clone(),
+            Value::Texture(t) => t.texels.var().clone(),
             Value::Num(v) if v.shape().len() == 3 => v.clone(),
             Value::Num(v) if v.shape().len() == 2 => v.reshape([v.shape(), &[1]].concat())?,
             _ => return Err(self.wrong(index, "an image")),

@@ -59,7 +59,7 @@ pub(super) fn numbers(a: &Args, index: usize) -> Result<Var> {
             }
         }
         Value::Mesh(m) => Ok(m.vertices.clone()),
-        Value::Texture(t) => Ok(t.texels.clone()),
+        Value::Texture(t) => Ok(t.texels.var().clone()),
         _ => Ok(a.var(index)?.clone()),
     }
 }

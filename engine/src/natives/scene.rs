@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use crate::image::Image;
 use crate::optim::Rule;
 use crate::render::texture::{Filter, Wrap};
 use crate::render::{
@@ -11,10 +12,10 @@ use crate::render::{
 use crate::tape::{Slice, Tensor, Var};
 
 use super::blends::blended;
-use super::images::read_image;
+use super::images::decoded_image;
 use super::value::{
     CameraValue, DeltaLightValue, Input, LightValue, MaterialValue, MeshValue, SceneValue, SettingsKind, SettingsValue,
-    ShapeValue, TextureValue, Value,
+    ShapeValue, Texels, TextureValue, Value,
 };
 use super::{Args, Native, NativeError, Result};
 
@@ -104,16 +105,16 @@ fn keep(a: &Args, kind: SettingsKind) -> Result<Value> {
 
 fn texture(a: &Args) -> Result<Value> {
     let texels = match a.value(0)? {
-        Value::Str(_) => read_image(a, 0)?,
-        Value::Num(v) if v.shape().is_empty() => v.reshape(vec![1, 1, 1])?,
-        Value::Num(v) if v.shape() == [3] => v.reshape(vec![1, 1, 3])?,
-        _ => a.image(0)?,
+        Value::Str(_) => Texels::of_image(&usable_image(decoded_image(a, 0)?, 0)?),
+        Value::Num(v) if v.shape().is_empty() => v.reshape(vec![1, 1, 1])?.into(),
+        Value::Num(v) if v.shape() == [3] => v.reshape(vec![1, 1, 3])?.into(),
+        _ => usable_channels(&a.image(0)?, 0)?.into(),
     };
-    let texels = usable_channels(&texels, 0)?;
     let filter = match a.named_string("filter")?.unwrap_or("bilinear") {
         "bilinear" => Filter::Bilinear,
         "nearest" => Filter::Nearest,
-        other => return Err(unknown(a, "filter", other, "`bilinear` or `nearest`")),
+        "trilinear" => Filter::Trilinear,
+        other => return Err(unknown(a, "filter", other, "`bilinear`, `trilinear` or `nearest`")),
     };
     let wrap = match a.named_string("wrap")?.unwrap_or("repeat") {
         "repeat" => Wrap::Repeat,
@@ -144,6 +145,18 @@ pub(super) fn usable_channels(texels: &Var, blame: usize) -> Result<Var> {
     }
 }
 
+/// [`usable_channels`] of an image that was read.
+fn usable_image(image: Image, blame: usize) -> Result<Image> {
+    let keep = match image.channels {
+        1 | 3 => return Ok(image),
+        2 => 1,
+        4 => 3,
+        c => return Err(NativeError::at(blame, format!("a texture has 1 or 3 channels, this one has {c}"))),
+    };
+    let data = image.data.chunks_exact(image.channels).flat_map(|pixel| &pixel[..keep]).copied().collect();
+    Ok(Image { channels: keep, data, ..image })
+}
+
 fn checkerboard(a: &Args) -> Result<Value> {
     let tiles = a.named_integer("tiles", 1..=4096)?.unwrap_or(8) as usize;
     let color = |name: &str, or: f64| match a.named(name) {
@@ -154,7 +167,7 @@ fn checkerboard(a: &Args) -> Result<Value> {
     // An even number of tiles repeats without a seam.
     let order: Vec<u32> = (0..tiles * tiles).map(|i| ((i / tiles + i % tiles) % 2) as u32).collect();
     let texels = pair.rows(&order)?.reshape(vec![tiles, tiles, 3])?;
-    Ok(Value::Texture(Arc::new(TextureValue { texels, wrap: Wrap::Repeat, filter: Filter::Nearest })))
+    Ok(Value::Texture(Arc::new(TextureValue { texels: texels.into(), wrap: Wrap::Repeat, filter: Filter::Nearest })))
 }
 
 // ---- materials -----------------------------------------------------------------------------------------------------
@@ -168,7 +181,7 @@ pub(super) fn input(a: &Args, index: usize, color: bool) -> Result<Input> {
         Value::Settings(s) if s.kind == SettingsKind::VertexColor => Ok(super::fields::vertex_color_input(s)),
         Value::Image(v) => {
             let texels = usable_channels(v, index)?;
-            texture(&Arc::new(TextureValue { texels, wrap: Wrap::Repeat, filter: Filter::Bilinear }))
+            texture(&Arc::new(TextureValue { texels: texels.into(), wrap: Wrap::Repeat, filter: Filter::Bilinear }))
         }
         Value::Num(v) if v.shape().is_empty() || (color && v.shape() == [3]) => Ok(Input::Number(v.clone())),
         Value::Num(v) if v.shape() == [1] => Ok(Input::Number(v.reshape(vec![])?)),
@@ -185,7 +198,10 @@ pub(super) fn input(a: &Args, index: usize, color: bool) -> Result<Input> {
 pub(super) fn within(a: &Args, index: usize, input: &Input, range: std::ops::RangeInclusive<f64>) -> Result<()> {
     let values = match input {
         Input::Number(v) => v.value(),
-        Input::Texture(t) | Input::Tinted(t) => t.texels.value(),
+        Input::Texture(t) | Input::Tinted(t) => match &t.texels {
+            Texels::Packed(texels) if texels.image.values().all(|x| range.contains(&f64::from(x))) => return Ok(()),
+            texels => texels.var().value(),
+        },
         Input::VertexColor => return Ok(()),
     };
     match values.data.iter().position(|x| !range.contains(x)) {

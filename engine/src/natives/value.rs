@@ -2,8 +2,10 @@
 //! differentiated.
 
 use std::any::Any;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
+use crate::image::Image;
+use crate::image::packed::Packed;
 use crate::network::Network;
 use crate::optim::{Law, Rule};
 use crate::render::Material;
@@ -52,10 +54,73 @@ pub struct Function(pub Arc<dyn Any + Send + Sync>);
 
 #[derive(Clone)]
 pub struct TextureValue {
-    /// `[height, width, channels]`, 1 or 3 channels.
-    pub texels: Var,
+    pub texels: Texels,
     pub wrap: Wrap,
     pub filter: Filter,
+}
+
+/// The numbers of a texture, `[height, width, channels]` of 1 or 3 channels: a node of the tape, or, of a larger file that nothing is
+/// computed with, bytes. These take a byte a number where the tape takes eight.
+#[derive(Clone)]
+pub enum Texels {
+    Var(Var),
+    Packed(Arc<PackedTexels>),
+}
+
+pub struct PackedTexels {
+    pub image: Arc<Packed>,
+    shape: [usize; 3],
+    /// Once something is computed with them.
+    var: OnceLock<Var>,
+}
+
+impl Texels {
+    /// Texels below which bytes are not worth it.
+    const LARGE: usize = 64 * 64;
+
+    /// Those of an image that is not differentiated.
+    pub fn of_image(image: &Image) -> Texels {
+        let large = image.width * image.height >= Texels::LARGE;
+        match large.then(|| Packed::of(image)).flatten() {
+            Some(image) => {
+                let shape = [image.height, image.width, image.channels];
+                Texels::Packed(Arc::new(PackedTexels { image: Arc::new(image), shape, var: OnceLock::new() }))
+            }
+            None => Texels::Var(Var::constant(Tensor::from_image(image))),
+        }
+    }
+
+    /// A node of the tape, which is made of bytes when it is first asked for.
+    pub fn var(&self) -> &Var {
+        match self {
+            Texels::Var(var) => var,
+            Texels::Packed(packed) => {
+                packed.var.get_or_init(|| Var::constant(Tensor::from_image(&packed.image.to_image())))
+            }
+        }
+    }
+
+    pub fn shape(&self) -> &[usize] {
+        match self {
+            Texels::Var(var) => var.shape(),
+            Texels::Packed(packed) => &packed.shape,
+        }
+    }
+
+    /// The same for those that are one.
+    pub fn id(&self) -> u64 {
+        match self {
+            Texels::Var(var) => var.id(),
+            // No node is counted so far.
+            Texels::Packed(packed) => 1 << 63 | Arc::as_ptr(packed) as u64,
+        }
+    }
+}
+
+impl From<Var> for Texels {
+    fn from(var: Var) -> Texels {
+        Texels::Var(var)
+    }
 }
 
 #[derive(Clone)]
@@ -296,7 +361,7 @@ impl Value {
     pub fn var(&self) -> Option<&Var> {
         match self {
             Value::Num(v) | Value::Image(v) | Value::Rotation(v) | Value::Transform(v) => Some(v),
-            Value::Texture(t) => Some(&t.texels),
+            Value::Texture(t) => Some(t.texels.var()),
             _ => None,
         }
     }
@@ -305,6 +370,7 @@ impl Value {
     pub fn numbers(&self) -> usize {
         match self {
             Value::Mesh(m) => m.numbers(),
+            Value::Texture(t) => t.texels.shape().iter().product(),
             _ => self.var().map_or(0, Var::len),
         }
     }
@@ -315,7 +381,7 @@ impl Value {
             Value::Image(_) => Value::Image(var),
             Value::Rotation(_) => Value::Rotation(var),
             Value::Transform(_) => Value::Transform(var),
-            Value::Texture(t) => Value::Texture(Arc::new(TextureValue { texels: var, ..(**t).clone() })),
+            Value::Texture(t) => Value::Texture(Arc::new(TextureValue { texels: var.into(), ..(**t).clone() })),
             _ => Value::Num(var),
         }
     }

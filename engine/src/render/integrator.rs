@@ -278,7 +278,7 @@ mod tests {
     #[test]
     fn paths_side_by_side_are_paths_one_after_the_other_to_the_last_bit() {
         let changed = |change: fn(&mut SceneDescription)| {
-            let mut description = corner().description;
+            let mut description = corner().description.clone();
             change(&mut description);
             Scene::new(description).unwrap()
         };

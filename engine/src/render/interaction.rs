@@ -64,7 +64,13 @@ impl Scene {
         match input {
             Input::Texture(t) => {
                 let texture = &self.description.textures[t];
-                if texture.is_constant() { texture.color() } else { texture.eval(self.uv(prim, b)) }
+                if texture.is_constant() {
+                    texture.color()
+                } else if texture.is_mipmapped() {
+                    texture.eval_at(self.uv(prim, b), self.level_of_detail(texture, prim, b))
+                } else {
+                    texture.eval(self.uv(prim, b))
+                }
             }
             Input::VertexColor => {
                 let id = self.prims[prim as usize];

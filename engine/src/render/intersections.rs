@@ -373,7 +373,7 @@ mod tests {
     #[test]
     fn what_a_floor_with_holes_carries_only_touches_it() {
         let mut described =
-            scene(vec![floor(), moved(shapes::cube(1.0).unwrap(), Vec3::new(0.3, 0.5, 0.2))]).description;
+            scene(vec![floor(), moved(shapes::cube(1.0).unwrap(), Vec3::new(0.3, 0.5, 0.2))]).description.clone();
         described.shapes[0].material.opacity = Some(Input::Texture(0));
         assert_eq!(crossings(&Scene::new(described).unwrap(), |_| true), []);
     }

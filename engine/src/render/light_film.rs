@@ -307,7 +307,10 @@ mod tests {
             (point(Vec3::new(0.0, 0.0, 1.1)), shares(1.1)),
             (point(Vec3::new(0.2, 0.0, 0.1)), 4.0 * PI),
             (DeltaLight::Directional { direction: Vec3::new(1.0, -3.0, 0.5), irradiance: white }, PI),
-            (DeltaLight::Spot { position: Vec3::new(0.0, 0.0, 4.0), intensity: white, cone: wide }, shares(4.0)),
+            (
+                DeltaLight::Spot { position: Vec3::new(0.0, 0.0, 4.0), intensity: white, cone: wide, profile: None },
+                shares(4.0),
+            ),
         ];
         for at in [Vec3::ZERO, Vec3::new(30.0, -7.0, 3.0)] {
             for (light, expected) in &cases {
@@ -332,8 +335,8 @@ mod tests {
     fn moved(light: &DeltaLight, by: Vec3) -> DeltaLight {
         match light.clone() {
             DeltaLight::Point { position, intensity } => DeltaLight::Point { position: position + by, intensity },
-            DeltaLight::Spot { position, intensity, cone } => {
-                DeltaLight::Spot { position: position + by, intensity, cone }
+            DeltaLight::Spot { position, intensity, cone, profile } => {
+                DeltaLight::Spot { position: position + by, intensity, cone, profile }
             }
             directional => directional,
         }
@@ -341,10 +344,10 @@ mod tests {
 
     #[test]
     fn there_are_none_without_a_light_or_without_a_mirror() {
-        let (mut scene, _) =
-            films(vec![DeltaLight::Point { position: Vec3::Z * 3.0, intensity: Vec3::ONE }], Vec3::ZERO);
-        scene.description.shapes[0].material = MaterialKind::Black.into();
-        assert!(LightFilms::new(&scene).is_none());
+        let (scene, _) = films(vec![DeltaLight::Point { position: Vec3::Z * 3.0, intensity: Vec3::ONE }], Vec3::ZERO);
+        let mut description = scene.description.clone();
+        description.shapes[0].material = MaterialKind::Black.into();
+        assert!(LightFilms::new(&Scene::new(description).unwrap()).is_none());
         let mut description = scene.description.clone();
         description.shapes[0].material = MaterialKind::Mirror { reflectance: Input::Texture(0) }.into();
         description.delta_lights.clear();

@@ -68,24 +68,22 @@ impl Scene {
                 description.delta_lights[motion.light] = from.lerp(&motion.closing, time);
             }
         };
-        match before {
-            Some(mut scene) => {
-                place(&mut scene.description);
-                if self.description.motions.is_empty() {
-                    scene.relight()
-                } else {
-                    scene.refit()
-                }
-                Ok(scene)
+        if let Some(mut scene) = before
+            && let Some(world) = scene.world_mut()
+        {
+            place(&mut world.description);
+            if self.description.motions.is_empty() {
+                world.relight()
+            } else {
+                world.refit()
             }
-            None => {
-                let mut description = self.description.clone();
-                description.motions.clear();
-                description.light_motions.clear();
-                place(&mut description);
-                Scene::new(description)
-            }
+            return Ok(scene);
         }
+        let mut description = self.description.clone();
+        description.motions.clear();
+        description.light_motions.clear();
+        place(&mut description);
+        Scene::new(description)
     }
 
     /// Calls `f` with each slice of the shutter's interval, until `stop` is set. `what` distinguishes values from derivatives.
@@ -123,6 +121,7 @@ impl Scene {
             let start = |i: u32| (u64::from(spp) * u64::from(i) / u64::from(count)) as u32;
             let samples = start(i)..start(i + 1);
             let settings = Settings { spp: samples.len() as u32, seed: own, ..*settings };
+            let scene = &scene.seen_by(&camera);
             f(&Slice { scene, camera, settings, samples, time, share, weight: 1.0 / count as f32 })?;
         }
         Ok(())
@@ -157,7 +156,7 @@ pub fn render_until(
             Ok(())
         })?;
     } else {
-        let spp = settings.spp.max(1);
+        let (scene, spp) = (&scene.seen_by(camera), settings.spp.max(1));
         if has_paths {
             add_samples(scene, camera, settings, 0..spp, spp as f32, stop, &mut image);
         }

@@ -49,6 +49,8 @@ pub enum DeltaLight {
         intensity: Vec3,
         /// Which way it shines, and how widely.
         cone: Cone,
+        /// What its intensity is multiplied by in each direction, within the cone.
+        profile: Option<SphericalMap>,
     },
     /// A point whose light differs from direction to direction, as that of luminaires and projectors does.
     Goniometric {
@@ -109,11 +111,12 @@ impl DeltaLight {
         }
     }
 
-    /// The profile of a goniometric light; other lights have none.
+    /// The profile of a goniometric light, and of a spot light that has one.
     pub fn profile(&self) -> Option<SphericalMap> {
         match *self {
             DeltaLight::Goniometric { profile, .. } => Some(profile),
-            DeltaLight::Point { .. } | DeltaLight::Spot { .. } | DeltaLight::Directional { .. } => None,
+            DeltaLight::Spot { profile, .. } => profile,
+            DeltaLight::Point { .. } | DeltaLight::Directional { .. } => None,
         }
     }
 
@@ -136,20 +139,21 @@ impl DeltaLight {
     /// On the way to a light of the same kind (and with the same map), every number in proportion to `time`.
     pub fn lerp(&self, to: &DeltaLight, time: f32) -> DeltaLight {
         let (placement, power) = (self.placement().lerp(to.placement(), time), self.power().lerp(to.power(), time));
+        let turned = |a: SphericalMap| {
+            let b = to.profile().unwrap_or(a);
+            SphericalMap { rotation: a.rotation + (b.rotation - a.rotation) * time, ..a }
+        };
         match *self {
             DeltaLight::Point { .. } => DeltaLight::Point { position: placement, intensity: power },
-            DeltaLight::Spot { cone: a, .. } => {
+            DeltaLight::Spot { cone: a, profile, .. } => {
                 let b = to.cone().unwrap_or(a);
                 let number = |a: f32, b: f32| a + (b - a) * time;
                 let axis = a.axis.lerp(b.axis, time);
                 let cone = Cone { axis, beam: number(a.beam, b.beam), cutoff: number(a.cutoff, b.cutoff) };
-                DeltaLight::Spot { position: placement, intensity: power, cone }
+                DeltaLight::Spot { position: placement, intensity: power, cone, profile: profile.map(turned) }
             }
-            DeltaLight::Goniometric { profile: a, .. } => {
-                let b = to.profile().unwrap_or(a);
-                let rotation = a.rotation + (b.rotation - a.rotation) * time;
-                let profile = SphericalMap { rotation, ..a };
-                DeltaLight::Goniometric { position: placement, intensity: power, profile }
+            DeltaLight::Goniometric { profile, .. } => {
+                DeltaLight::Goniometric { position: placement, intensity: power, profile: turned(profile) }
             }
             DeltaLight::Directional { .. } => DeltaLight::Directional { direction: placement, irradiance: power },
         }
@@ -445,7 +449,7 @@ impl SceneDescription {
             Slot::Normals(i) => shape(i).and_then(|m| m.normals.as_ref()).map_or(0, |n| 3 * n.len()),
             Slot::Uvs(i) => shape(i).and_then(|m| m.uvs.as_ref()).map_or(0, |n| 2 * n.len()),
             Slot::Colors(i) => shape(i).and_then(|m| m.colors.as_ref()).map_or(0, |n| 3 * n.len()),
-            Slot::Texels(i) => self.textures.get(i).map_or(0, |t| t.data.len()),
+            Slot::Texels(i) => self.textures.get(i).map_or(0, Texture::len),
             Slot::LightPlacement(i) | Slot::LightPower(i) => light(opening(i), any, 3),
             Slot::LightAxis(i) => light(opening(i), cone, 3),
             Slot::LightCone(i) => light(opening(i), cone, 2),

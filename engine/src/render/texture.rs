@@ -1,18 +1,26 @@
-//! Bitmap textures with nearest or bilinear lookup, and their derivatives in the texels and in uv.
+//! Bitmap textures with nearest, bilinear or trilinear lookup (in a mip map), and their derivatives in the texels and in uv.
 
 #![deny(missing_docs)]
+
+use std::borrow::Cow;
+use std::sync::Arc;
 
 use glam::{Vec2, Vec3};
 
 pub use crate::image::Wrap;
+use crate::image::filter::Separable;
+use crate::image::packed::Packed;
 
 /// How a texture is interpolated between the centres of its texels.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Filter {
     /// Bilinear interpolation of the four texels around; continuous, so that it has derivatives in uv.
     Bilinear,
     /// The nearest texel; the derivatives in uv are zero.
     Nearest,
+    /// Trilinear interpolation in a mip map (Williams 1983, "Pyramidal Parametrics"): between two levels of ever coarser bitmaps, each
+    /// with half the texels a side of the one before, and bilinear in both. Which levels, [`super::level`] says.
+    Trilinear,
 }
 
 /// A bitmap. Row 0 is the top (v = 0), and texel centres lie at (i + 0.5) / n. A bitmap of 1×1 is a constant.
@@ -24,8 +32,11 @@ pub struct Texture {
     pub height: usize,
     /// 1 or 3.
     pub channels: usize,
-    /// `data[(y * width + x) * channels + c]`.
+    /// `data[(y * width + x) * channels + c]`; of a mip map, all levels one after the other ([`mip_sizes`]), the finest first. Without
+    /// that one if it is `packed`.
     pub data: Vec<f32>,
+    /// The finest level, if it is held in bytes.
+    pub packed: Option<Arc<Packed>>,
     /// How it continues outside of [0, 1]².
     pub wrap: Wrap,
     /// How it is interpolated.
@@ -62,6 +73,21 @@ pub enum TextureError {
     },
 }
 
+/// Width and height of the levels of a mip map, from the finest to that of a single texel: halves, rounded up.
+pub fn mip_sizes(width: usize, height: usize) -> impl Iterator<Item = [usize; 2]> {
+    let next = |&[w, h]: &[usize; 2]| (w > 1 || h > 1).then(|| [w.div_ceil(2), h.div_ceil(2)]);
+    std::iter::successors(Some([width, height]), next)
+}
+
+/// One level of a mip map, or all of another texture.
+#[derive(Clone, Copy)]
+struct Level {
+    /// Index of its first number in [`Texture::data`].
+    start: usize,
+    width: usize,
+    height: usize,
+}
+
 /// The texels that a lookup reads, with weights that sum to one and their derivatives in u and v.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Footprint {
@@ -81,6 +107,7 @@ impl Texture {
             height: 1,
             channels: 3,
             data: rgb.to_array().to_vec(),
+            packed: None,
             wrap: Wrap::Repeat,
             filter: Filter::Bilinear,
         }
@@ -91,8 +118,8 @@ impl Texture {
         Texture { channels: 1, data: vec![value], ..Texture::constant(Vec3::ZERO) }
     }
 
-    /// A bitmap of `height × width × channels` numbers. Fails if it is empty, if its channels are not 1 or 3, or if
-    /// `data` has another length.
+    /// A bitmap of `height × width × channels` numbers, to which the coarser levels of a mip map are added if it is to be one. Fails if it
+    /// is empty, if its channels are not 1 or 3, or if `data` has another length.
     pub fn new(
         width: usize,
         height: usize,
@@ -111,7 +138,70 @@ impl Texture {
         if data.len() != expected {
             return Err(TextureError::Length { width, height, channels, expected, found: data.len() });
         }
-        Ok(Texture { width, height, channels, data, wrap, filter })
+        let data = if filter == Filter::Trilinear { pyramid(width, height, channels, data) } else { data };
+        Ok(Texture { width, height, channels, data, packed: None, wrap, filter })
+    }
+
+    /// A bitmap in bytes, of 1 or 3 channels, to which the coarser levels of a mip map are added if it is to be one.
+    pub fn from_packed(packed: Arc<Packed>, wrap: Wrap, filter: Filter) -> Result<Texture, TextureError> {
+        let Packed { width, height, channels, .. } = *packed;
+        if channels != 1 && channels != 3 {
+            return Err(TextureError::Channels(channels));
+        }
+        let data = match filter {
+            Filter::Trilinear => pyramid(width, height, channels, packed.to_image().data).split_off(packed.len()),
+            Filter::Bilinear | Filter::Nearest => Vec::new(),
+        };
+        Ok(Texture { width, height, channels, data, packed: Some(packed), wrap, filter })
+    }
+
+    /// The same texture with all its numbers in [`Texture::data`].
+    pub fn unpacked(&self) -> Cow<'_, Texture> {
+        match &self.packed {
+            None => Cow::Borrowed(self),
+            Some(_) => Cow::Owned(Texture { data: self.numbers().collect(), packed: None, ..self.clone() }),
+        }
+    }
+
+    /// How many numbers it has.
+    pub fn len(&self) -> usize {
+        self.packed_len() + self.data.len()
+    }
+
+    /// Whether it has none, which no texture made by [`Texture::new`] has.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    #[inline]
+    fn packed_len(&self) -> usize {
+        self.packed.as_ref().map_or(0, |packed| packed.len())
+    }
+
+    /// All its numbers, level after level.
+    pub fn numbers(&self) -> impl Iterator<Item = f32> + '_ {
+        self.packed.iter().flat_map(|packed| packed.numbers()).chain(self.data.iter().copied())
+    }
+
+    /// The colour of a texel of the finest level.
+    pub fn color_at(&self, x: usize, y: usize) -> Vec3 {
+        self.texel((y * self.width + x) * self.channels)
+    }
+
+    /// The colours of its finest level; a single channel is repeated in all three.
+    pub fn colors(&self) -> impl Iterator<Item = Vec3> + '_ {
+        (0..self.width * self.height).map(|i| self.texel(i * self.channels))
+    }
+
+    /// Whether it has levels.
+    #[inline]
+    pub fn is_mipmapped(&self) -> bool {
+        self.filter == Filter::Trilinear
+    }
+
+    /// The number of the coarsest level; 0 if there is but one.
+    pub fn coarsest(&self) -> usize {
+        if self.is_mipmapped() { mip_sizes(self.width, self.height).count() - 1 } else { 0 }
     }
 
     /// Whether it is a single texel, and so constant.
@@ -126,12 +216,30 @@ impl Texture {
         self.texel(0)
     }
 
-    /// The colour at `uv`; a single channel is repeated in all three.
+    /// The colour at `uv`, of a mip map that on its finest level; a single channel is repeated in all three.
     pub fn eval(&self, uv: Vec2) -> Vec3 {
         if self.is_constant() {
             return self.texel(0);
         }
         self.value(&self.footprint(uv))
+    }
+
+    /// The colour at `uv` between the levels around `lod`; without a mip map, [`Texture::eval`].
+    pub fn eval_at(&self, uv: Vec2, lod: f32) -> Vec3 {
+        let between = self.footprints(uv, lod);
+        between.iter().filter(|(_, w)| *w > 0.0).map(|(footprint, w)| self.value(footprint) * *w).sum()
+    }
+
+    /// The texels read at `uv` between the levels around `lod` (0 is the finest): those of each of two levels, with that level's weight.
+    pub fn footprints(&self, uv: Vec2, lod: f32) -> [(Footprint, f32); 2] {
+        let lod = lod.clamp(0.0, self.coarsest() as f32);
+        let (level, share) = (lod as usize, lod.fract());
+        let finer = self.footprint_wrapped(uv, self.level(level), self.wrap, self.wrap);
+        let coarser = match share > 0.0 {
+            true => self.footprint_wrapped(uv, self.level(level + 1), self.wrap, self.wrap),
+            false => finer,
+        };
+        [(finer, 1.0 - share), (coarser, share)]
     }
 
     /// The colour and its derivatives in u and in v (of the bilinear surface; zero for nearest-texel lookups).
@@ -177,12 +285,12 @@ impl Texture {
 
     /// The texels read at `uv`.
     pub fn footprint(&self, uv: Vec2) -> Footprint {
-        self.footprint_wrapped(uv, self.wrap, self.wrap)
+        self.footprint_wrapped(uv, self.level(0), self.wrap, self.wrap)
     }
 
     /// The texels read at `uv` of an equirectangular map: repeats in u, clamps in v.
     pub fn environment_footprint(&self, uv: Vec2) -> Footprint {
-        self.footprint_wrapped(uv, Wrap::Repeat, Wrap::Clamp)
+        self.footprint_wrapped(uv, self.level(0), Wrap::Repeat, Wrap::Clamp)
     }
 
     /// The weighted colour of a footprint.
@@ -204,17 +312,40 @@ impl Texture {
     /// The colour whose first channel is `data[index]`.
     #[inline]
     fn texel(&self, index: usize) -> Vec3 {
+        if let Some(packed) = &self.packed {
+            return self.texel_beside(packed, index);
+        }
         if self.channels == 1 { Vec3::splat(self.data[index]) } else { Vec3::from_slice(&self.data[index..index + 3]) }
     }
 
-    fn footprint_wrapped(&self, uv: Vec2, wrap_u: Wrap, wrap_v: Wrap) -> Footprint {
-        let index = |x: usize, y: usize| (y * self.width + x) * self.channels;
+    /// The same of a texture whose finest level is in bytes.
+    #[inline(never)]
+    fn texel_beside(&self, packed: &Packed, index: usize) -> Vec3 {
+        let number = |c: usize| match index < packed.len() {
+            true => packed.number(index, c),
+            false => self.data[index - packed.len() + c],
+        };
+        if self.channels == 1 { Vec3::splat(number(0)) } else { Vec3::new(number(0), number(1), number(2)) }
+    }
+
+    /// The level of a number that is at most [`Texture::coarsest`].
+    fn level(&self, number: usize) -> Level {
+        let mut level = Level { start: 0, width: self.width, height: self.height };
+        for _ in 0..number {
+            let start = level.start + level.width * level.height * self.channels;
+            level = Level { start, width: level.width.div_ceil(2), height: level.height.div_ceil(2) };
+        }
+        level
+    }
+
+    fn footprint_wrapped(&self, uv: Vec2, level: Level, wrap_u: Wrap, wrap_v: Wrap) -> Footprint {
+        let index = |x: usize, y: usize| level.start + (y * level.width + x) * self.channels;
         if self.filter == Filter::Nearest {
-            let texel = index(nearest(uv.x, self.width, wrap_u), nearest(uv.y, self.height, wrap_v));
+            let texel = index(nearest(uv.x, level.width, wrap_u), nearest(uv.y, level.height, wrap_v));
             return Footprint { texels: [texel; 4], weights: [1.0, 0.0, 0.0, 0.0], d_weights: [Vec2::ZERO; 4] };
         }
-        let ([x0, x1], fx, dx) = neighbours(uv.x, self.width, wrap_u);
-        let ([y0, y1], fy, dy) = neighbours(uv.y, self.height, wrap_v);
+        let ([x0, x1], fx, dx) = neighbours(uv.x, level.width, wrap_u);
+        let ([y0, y1], fy, dy) = neighbours(uv.y, level.height, wrap_v);
         Footprint {
             texels: [index(x0, y0), index(x1, y0), index(x0, y1), index(x1, y1)],
             weights: [(1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy],
@@ -226,6 +357,20 @@ impl Texture {
             ],
         }
     }
+}
+
+/// The levels of a mip map of a bitmap.
+fn pyramid(width: usize, height: usize, channels: usize, mut data: Vec<f32>) -> Vec<f32> {
+    let mut level = 0;
+    for [width, height] in mip_sizes(width, height) {
+        let size = width * height * channels;
+        // A bitmap of no texels was refused, and one of a single texel has no coarser level.
+        if let Some(filter) = Separable::halve(width, height).ok().filter(|_| width > 1 || height > 1) {
+            data.extend(filter.apply(&data[level..level + size], channels));
+        }
+        level += size;
+    }
+    data
 }
 
 /// The coordinate `t`, moved by whole periods or clamped: to [0, 1], and to [0, 2] where the second half is the mirrored bitmap.
@@ -271,6 +416,7 @@ fn neighbours(t: f32, n: usize, wrap: Wrap) -> ([usize; 2], f32, f32) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::image::Image;
     use crate::math::Pcg32;
 
     fn random_texture(channels: usize, wrap: Wrap, filter: Filter) -> Texture {
@@ -362,6 +508,58 @@ mod tests {
                 }
             }
         }
+    }
+
+    /// Every level of a mip map has the bitmap's mean, the coarsest is that mean, and between two levels lies what lies between their
+    /// values. A linear ramp is itself on all levels, away from its ends.
+    #[test]
+    fn mip_maps_keep_the_mean_and_ramps() {
+        for wrap in [Wrap::Repeat, Wrap::Clamp, Wrap::Mirror] {
+            let texture = random_texture(3, wrap, Filter::Trilinear);
+            assert_eq!(mip_sizes(5, 4).collect::<Vec<_>>(), [[5, 4], [3, 2], [2, 1], [1, 1]]);
+            assert_eq!((texture.coarsest(), texture.data.len()), (3, (20 + 6 + 2 + 1) * 3));
+            let mean = (0..20).map(|i| Vec3::from_slice(&texture.data[3 * i..])).sum::<Vec3>() / 20.0;
+            let mut rng = Pcg32::new(3);
+            for _ in 0..50 {
+                let uv = Vec2::from(rng.next_2d()) * 3.0 - 1.0;
+                for far in [3.0, 7.0, f32::INFINITY] {
+                    assert!((texture.eval_at(uv, far) - mean).length() < 1e-5);
+                }
+                assert_eq!(texture.eval_at(uv, 0.0), texture.eval(uv));
+                let [a, between, b] = [1.0, 1.25, 2.0].map(|lod| texture.eval_at(uv, lod));
+                assert!((between - a.lerp(b, 0.25)).length() < 1e-5);
+            }
+        }
+        let ramp = (0..32).map(|i| (i as f32 + 0.5) / 32.0).collect();
+        let ramp = Texture::new(32, 1, 1, ramp, Wrap::Clamp, Filter::Trilinear).unwrap();
+        for lod in [0.0, 1.0, 1.7, 2.5] {
+            for u in [0.2, 0.37, 0.5, 0.8] {
+                assert!((ramp.eval_at(Vec2::new(u, 0.5), lod).x - u).abs() < 1e-5, "{u} on {lod}");
+            }
+        }
+    }
+
+    /// In bytes a texture is the same to the bit, on all levels.
+    #[test]
+    fn packed_textures_are_the_same() {
+        let mut rng = Pcg32::new(11);
+        for (channels, filter) in
+            [(1, Filter::Nearest), (3, Filter::Bilinear), (1, Filter::Trilinear), (3, Filter::Trilinear)]
+        {
+            let texture = random_texture(channels, Wrap::Repeat, filter);
+            let image = Image { width: 5, height: 4, channels, data: texture.data[..20 * channels].to_vec() };
+            let packed = Arc::new(Packed::of(&image).unwrap());
+            let packed = Texture::from_packed(packed, Wrap::Repeat, filter).unwrap();
+            assert_eq!((packed.len(), &*packed.unpacked()), (texture.len(), &texture));
+            assert!(packed.colors().eq(texture.colors()));
+            for _ in 0..50 {
+                let (uv, lod) = (Vec2::from(rng.next_2d()), 4.0 * rng.next_f32());
+                assert_eq!(packed.eval_with_uv_gradient(uv), texture.eval_with_uv_gradient(uv));
+                assert_eq!(packed.eval_at(uv, lod), texture.eval_at(uv, lod));
+            }
+        }
+        let two = Packed::of(&Image { width: 1, height: 1, channels: 2, data: vec![0.0; 2] }).unwrap();
+        assert!(Texture::from_packed(Arc::new(two), Wrap::Repeat, Filter::Nearest).is_err());
     }
 
     #[test]

@@ -244,7 +244,7 @@ fn validate_inputs(shape: &Shape, textures: &[Texture]) -> Result<(), String> {
         }
     }
     let texels = opacity.and_then(Input::texture).map(|t| &textures[t]);
-    let texels = texels.into_iter().flat_map(|t| t.data.iter().copied().step_by(t.channels));
+    let texels = texels.into_iter().flat_map(|t| t.colors().map(|color| color.x));
     let colors = mesh.colors.iter().flatten().filter(|_| opacity.is_some_and(Input::reads_colors));
     match paced(texels.chain(colors.map(|c| c.x)), 1).find(|x| !(0.0..=1.0).contains(x)) {
         Some(opacity) => Err(format!("an opacity must lie between 0 and 1, this one is {opacity}")),
@@ -281,21 +281,18 @@ fn validate_light_motion(opening: Option<&DeltaLight>, closing: &DeltaLight) -> 
         return Err("the keyframes are different kinds of light");
     }
     validate_light(closing)?;
-    let turns_far = match (opening, closing) {
-        (DeltaLight::Directional { direction: a, .. }, DeltaLight::Directional { direction: b, .. }) => {
-            a.dot(*b) <= 0.0
-        }
-        (DeltaLight::Spot { cone: a, .. }, DeltaLight::Spot { cone: b, .. }) => a.axis.dot(b.axis) <= 0.0,
-        (DeltaLight::Goniometric { profile: a, .. }, DeltaLight::Goniometric { profile: b, .. }) => {
-            if a.texels != b.texels {
-                return Err("the profile of a light that moves must be the same at both keyframes");
-            }
+    if opening.profile().map(|map| map.texels) != closing.profile().map(|map| map.texels) {
+        return Err("the profile of a light that moves must be the same at both keyframes");
+    }
+    let far_apart = |a: Vec3, b: Vec3| a.dot(b) <= 0.0;
+    let parallel = matches!(opening, DeltaLight::Directional { .. });
+    let turns_far = (parallel && far_apart(opening.placement(), closing.placement()))
+        || opening.cone().zip(closing.cone()).is_some_and(|(a, b)| far_apart(a.axis, b.axis))
+        || opening.profile().zip(closing.profile()).is_some_and(|(a, b)| {
             // The cosine of the turn from one to the other is half of this trace less one half.
             let turn = a.rotation.transpose() * b.rotation;
             turn.x_axis.x + turn.y_axis.y + turn.z_axis.z <= 1.0
-        }
-        _ => false,
-    };
+        });
     if turns_far { Err("the light turns by 90 degrees or more while a shutter is open") } else { Ok(()) }
 }
 

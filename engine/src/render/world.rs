@@ -2,7 +2,8 @@
 
 #![deny(missing_docs)]
 
-use std::sync::OnceLock;
+use std::ops::Deref;
+use std::sync::{Arc, OnceLock};
 
 use glam::Vec3;
 
@@ -14,15 +15,24 @@ use super::environment::{EnvironmentPeak, EnvironmentTable};
 use super::facets::{Facet, Prim, ShapeShading};
 use super::light::table::LightTable;
 use super::sampler::Discrete;
-use super::scene::{SceneDescription, Shape};
+use super::scene::{Camera, SceneDescription, Shape};
 use super::tangents::Tangents;
 use super::validate::{SceneError, validate};
+use super::view::View;
 use crate::math::uniform_triangle;
 use crate::memory;
 use crate::stop::paced;
 
-/// A scene with its acceleration structures, built once from a description and used by many passes.
+/// A scene made ready, as it is or as a camera sees it. Copies share what was built.
+#[derive(Clone)]
 pub struct Scene {
+    world: Arc<World>,
+    /// What decides between the levels of mip maps.
+    pub(super) view: Option<View>,
+}
+
+/// A scene with its acceleration structures, built once from a description and used by many passes.
+pub struct World {
     /// The description that it was built from.
     pub description: SceneDescription,
     pub(crate) accel: Accel,
@@ -51,6 +61,15 @@ pub struct Scene {
     surface: OnceLock<Discrete>,
 }
 
+impl Deref for Scene {
+    type Target = World;
+
+    #[inline(always)]
+    fn deref(&self) -> &World {
+        &self.world
+    }
+}
+
 impl Scene {
     /// Checks the description and builds the acceleration structures.
     pub fn new(description: SceneDescription) -> Result<Scene, SceneError> {
@@ -61,10 +80,23 @@ impl Scene {
     /// tree is refitted, which takes a fraction of the time. The rendered image does not depend on this.
     pub fn following(description: SceneDescription, before: Option<&Scene>) -> Result<Scene, SceneError> {
         validate(&description)?;
-        memory::bounded(|| Scene::build(description, before)).map_err(SceneError::Memory)
+        let world = memory::bounded(|| World::build(description, before)).map_err(SceneError::Memory)?;
+        Ok(Scene { world: Arc::new(world), view: None })
     }
 
-    fn build(description: SceneDescription, before: Option<&Scene>) -> Scene {
+    /// The same scene, with mip maps on the levels that a camera sees. It must not move: [`Camera::at`] is the camera at one moment.
+    pub fn seen_by(&self, camera: &Camera) -> Scene {
+        Scene { world: self.world.clone(), view: Some(View::new(camera)) }
+    }
+
+    /// What was built, to be changed; `None` while copies share it.
+    pub(super) fn world_mut(&mut self) -> Option<&mut World> {
+        Arc::get_mut(&mut self.world)
+    }
+}
+
+impl World {
+    fn build(description: SceneDescription, before: Option<&Scene>) -> World {
         let triangles: u64 = description.shapes.iter().map(|s| s.mesh.faces.len() as u64).sum();
         memory::need(triangles * (size_of::<Prim>() + size_of::<Facet>() + size_of::<[Vec3; 3]>()) as u64);
         let faces = |(i, shape): (usize, &Shape)| {
@@ -73,10 +105,10 @@ impl Scene {
         let prims: Vec<Prim> = paced(description.shapes.iter().enumerate().flat_map(faces), 2).collect();
         let corners = corners(&description);
         let radius = radius(&corners);
-        let environment =
-            description.environment.as_ref().map(|e| EnvironmentTable::new(&description.textures[e.texels]));
-        let environment_peak =
-            description.environment.as_ref().and_then(|e| EnvironmentPeak::new(&description.textures[e.texels]));
+        let sky = description.environment.as_ref().map(|e| description.textures[e.texels].unpacked());
+        let environment = sky.as_deref().map(EnvironmentTable::new);
+        let environment_peak = sky.as_deref().and_then(EnvironmentPeak::new);
+        drop(sky);
         let lights = LightTable::new(&description, &prims, radius, environment_peak.as_ref());
         let facets =
             paced(prims.iter().zip(&corners), 16).map(|(prim, corners)| Facet::new(prim.shape, *corners)).collect();
@@ -89,7 +121,7 @@ impl Scene {
             }
             None => Accel::new(&corners),
         };
-        Scene {
+        World {
             facets,
             shape_shading,
             tangents: description.shapes.iter().map(Tangents::new).collect(),

@@ -385,6 +385,7 @@ fn welded_and_split_meshes_agree() {
                 height: 2,
                 channels: 1,
                 data: vec![0.2, 0.5, 0.7, 0.9],
+                packed: None,
                 wrap: Wrap::Clamp,
                 filter: Filter::Bilinear,
             });

@@ -319,7 +319,11 @@ fn add_light(rng: &mut Pcg32, builder: &mut Builder, i: usize, (corners, at): ([
             let cone = Cone { axis: -at + anywhere(rng), beam, cutoff: beam + 0.3 + 0.5 * rng.next_f32() };
             let light = match kind {
                 2 => DeltaLight::Point { position: at, intensity: power },
-                3 => DeltaLight::Spot { position: at, intensity: power, cone },
+                3 => {
+                    // Every second one has a profile.
+                    let profile = (i / KINDS.len()).is_multiple_of(2).then(|| builder.spherical_map(rng, true));
+                    DeltaLight::Spot { position: at, intensity: power, cone, profile }
+                }
                 7 => DeltaLight::Goniometric {
                     position: at,
                     intensity: power,
@@ -342,11 +346,11 @@ fn is_special(moving: &Moving, light: &LightSample, Arrival { dir, distance, .. 
         LightKind::Area if light.n.dot(*dir).abs() < STEEP || *distance < 0.2 => return None,
         LightKind::Area => scene.touch(0, light.prim),
         LightKind::Point(i) => match (light.cone, scene.description.delta_lights[i as usize].profile()) {
+            (_, Some(map)) if at_pole(f64::from((map.rotation.transpose() * *dir).y)) => return None,
             (Some(cone), _) => match cone.falloff(-*dir).value {
                 falloff if falloff < 0.01 => return None,
                 falloff => falloff < 1.0,
             },
-            (_, Some(map)) if at_pole(f64::from((map.rotation.transpose() * *dir).y)) => return None,
             (_, Some(map)) => !scene.description.textures[map.texels].is_constant(),
             _ => false,
         },

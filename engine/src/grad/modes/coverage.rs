@@ -11,7 +11,7 @@ use crate::grad::sink::Layout;
 use crate::memory::bounded;
 use crate::render::accel::PrimId;
 use crate::render::edges::{Edge, EdgeFace};
-use crate::render::texture::Filter;
+use crate::render::texture::{Filter, Texture};
 use crate::render::{Camera, Input, MaterialKind, Output, Projection, Scene, Settings, Shape, Slot, TextureId};
 use crate::stop::{self, paced};
 
@@ -25,7 +25,13 @@ fn gaps(scene: &Scene, camera: &Camera, settings: &Settings, wrt: &[Slot]) -> Ve
     let mut gaps = Vec::new();
     let wrt = &motion::slice_slots(scene, camera, wrt)[..];
     let layout = Layout::new(scene, wrt);
-    if slides_over_steps(scene, settings, &layout) {
+    if slides_over(|texture| texture.is_mipmapped() && texture.coarsest() > 0, scene, settings, &layout) {
+        gaps.push(
+            "textures with `filter: trilinear` show other levels from another distance or angle, and these changes have no derivative \
+             (derivatives in texels are complete; `bilinear` has no levels)",
+        );
+    }
+    if slides_over(is_stepped, scene, settings, &layout) {
         gaps.push(
             "textures with `filter: nearest` (checkerboards too) jump between texels, and as points slide over them these \
              jumps have no derivative",
@@ -167,17 +173,19 @@ fn glass_gaps(scene: &Scene, settings: &Settings) -> Vec<&'static str> {
     gaps
 }
 
-/// Whether a requested slot makes points slide over a texture that is piecewise constant: on a surface that moves or is seen by a camera
+/// Whether a texture is piecewise constant.
+fn is_stepped(texture: &Texture) -> bool {
+    let mut texels = paced(texture.colors(), texture.channels);
+    texture.filter == Filter::Nearest && texels.next().is_some_and(|first| texels.any(|t| t != first))
+}
+
+/// Whether a requested slot makes points slide over a texture of a kind: on a surface that moves or is seen by a camera
 /// that moves; through reflected light, on any surface if anything moves; and in a mask, where light passes it.
-fn slides_over_steps(scene: &Scene, settings: &Settings, layout: &Layout) -> bool {
+fn slides_over(kind: fn(&Texture) -> bool, scene: &Scene, settings: &Settings, layout: &Layout) -> bool {
     let wrt = &layout.slots;
     let d = &scene.description;
-    let steps = |t: TextureId| {
-        let texture = &d.textures[t];
-        let mut texels = paced(texture.data.chunks_exact(texture.channels), texture.channels);
-        texture.filter == Filter::Nearest && texels.next().is_some_and(|first| texels.any(|t| t != first))
-    };
-    let reads = |input: Input| input.texture().is_some_and(steps);
+    let of_kind = |t: TextureId| kind(&d.textures[t]);
+    let reads = |input: Input| input.texture().is_some_and(of_kind);
     let radiance = settings.output == Output::Radiance;
     let lit = radiance && settings.max_bounces > 0;
     let of_camera = |s: &Slot| {
@@ -196,7 +204,7 @@ fn slides_over_steps(scene: &Scene, settings: &Settings, layout: &Layout) -> boo
         let own = |s: &Slot| matches!(s, Slot::Vertices(j) | Slot::Uvs(j) if *j == i);
         view || wrt.iter().any(own) || (geometry && lit && settings.max_bounces > 1)
     };
-    let sky = d.environment.as_ref().is_some_and(|e| steps(e.texels));
+    let sky = d.environment.as_ref().is_some_and(|e| of_kind(e.texels));
     let shape = |(i, s): (usize, &Shape)| {
         let scatters =
             (lit || settings.output == Output::Albedo) && s.material.scattering_inputs().any(|(_, i)| reads(*i));

@@ -48,7 +48,7 @@ pub fn render_backward_until(
                 backward::static_scene(slice.scene, &slice.camera, &slice.settings, d_image, slots, sampling, stop)
             });
         }
-        Ok(backward::static_scene(scene, camera, settings, d_image, wrt, sampling, stop))
+        Ok(backward::static_scene(&scene.seen_by(camera), camera, settings, d_image, wrt, sampling, stop))
     })?
 }
 
@@ -68,7 +68,7 @@ pub fn render_rows_until(
         if scene.moves_for(camera) {
             return None;
         }
-        let rows = forward::rows(scene, camera, settings, wrt, room, stop);
+        let rows = forward::rows(&scene.seen_by(camera), camera, settings, wrt, room, stop);
         (!rows.is_full()).then_some(rows)
     })
     .map_err(SceneError::from)
@@ -111,7 +111,7 @@ pub fn render_jacobian_until(
         if scene.moves_for(camera) {
             return motion::forward(scene, camera, settings, directions, stop);
         }
-        Ok(forward::static_scene(scene, camera, settings, directions, stop))
+        Ok(forward::static_scene(&scene.seen_by(camera), camera, settings, directions, stop))
     })?
 }
 

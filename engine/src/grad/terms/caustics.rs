@@ -86,11 +86,12 @@ impl LightPath<'_> {
         let dir = self.chain.rays[0].dir;
         let falloff = light.cone().map(|cone| (cone, cone.falloff(dir)));
         let profile = out.scene.profile(light, dir);
-        out.light_power(self.light, d_power * profile * falloff.map_or(1.0, |(_, falloff)| falloff.value));
+        let faded = d_power * falloff.map_or(1.0, |(_, falloff)| falloff.value);
+        out.light_power(self.light, faded * profile);
         // What starts in a direction keeps it.
-        out.light_profile(self.light, dir, d_power * light.power());
+        out.light_profile(self.light, dir, faded * light.power());
         if let Some((cone, falloff)) = falloff {
-            let d_falloff = d_power.dot(light.power());
+            let d_falloff = d_power.dot(light.power() * profile);
             let d_axis = d_normalize(cone.axis, falloff.by_axis * d_falloff);
             out.light_cone(self.light, d_axis, falloff.by_angles.map(|d| d * d_falloff));
         }

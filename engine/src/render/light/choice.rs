@@ -61,8 +61,9 @@ impl Scene {
                 DeltaLight::Point { position, intensity } => {
                     LightSample { kind: LightKind::Point(i), y: position, power: intensity, ..base }
                 }
-                DeltaLight::Spot { position, intensity, cone } => {
-                    LightSample { kind: LightKind::Point(i), y: position, power: intensity, cone: Some(cone), ..base }
+                DeltaLight::Spot { position, intensity, cone, profile } => {
+                    let (kind, has_profile) = (LightKind::Point(i), profile.is_some());
+                    LightSample { kind, y: position, power: intensity, cone: Some(cone), has_profile, ..base }
                 }
                 DeltaLight::Goniometric { position, intensity, .. } => {
                     let kind = LightKind::Point(i);
@@ -189,7 +190,12 @@ mod tests {
         d.delta_lights.push(DeltaLight::Point { position: v(1.0, 1.0, 1.0), intensity: Vec3::splat(0.5) });
         d.delta_lights.push(DeltaLight::Directional { direction: v(0.0, -2.0, 1.0), irradiance: Vec3::splat(0.3) });
         let cone = Cone { axis: v(0.0, -2.0, 0.1), beam: 0.5, cutoff: 1.0 };
-        d.delta_lights.push(DeltaLight::Spot { position: v(0.5, 2.0, 0.0), intensity: Vec3::splat(0.8), cone });
+        d.delta_lights.push(DeltaLight::Spot {
+            position: v(0.5, 2.0, 0.0),
+            intensity: Vec3::splat(0.8),
+            cone,
+            profile: None,
+        });
         let mut sky = vec![0.02; 8 * 4 * 3];
         sky[(8 + 7) * 3..][..3].fill(3.0);
         d.textures.push(Texture::new(8, 4, 3, sky, Wrap::Repeat, Filter::Bilinear).unwrap());

@@ -195,29 +195,28 @@ pub(super) fn mean_luminance(description: &SceneDescription, input: Input) -> f6
     match input.texture() {
         Some(t) => {
             let t = &description.textures[t];
-            let sum: f64 = match t.channels {
-                3 => paced(t.data.chunks_exact(3), 3)
-                    .map(|c| f64::from(luminance(Vec3::new(c[0], c[1], c[2])).abs()))
-                    .sum(),
-                _ => paced(&t.data, 1).map(|&v| f64::from(v.abs())).sum(),
-            };
+            let of = |c: Vec3| if t.channels == 3 { luminance(c) } else { c.x };
+            let sum: f64 = paced(t.colors(), 3).map(|c| f64::from(of(c).abs())).sum();
             sum / (t.width * t.height).max(1) as f64
         }
         None => 1.0,
     }
 }
 
+/// The largest luminance of a map's texels.
+fn brightest(map: &Texture) -> f64 {
+    f64::from(paced(map.colors(), 3).map(luminance).fold(0.0, f32::max))
+}
+
 /// The mean luminance of an equirectangular map over all directions.
 fn mean_over_sphere(map: &Texture) -> f64 {
-    let row = |(y, texels): (usize, &[f32])| {
+    let of = |c: Vec3| if map.channels == 3 { luminance(c) } else { c.x };
+    let row = |y: usize| {
         let edge = |y: usize| (std::f64::consts::PI * y as f64 / map.height as f64).cos();
-        let colors = texels.chunks_exact(map.channels).map(|c| match *c {
-            [r, g, b] => luminance(Vec3::new(r, g, b)),
-            _ => c[0],
-        });
+        let colors = (0..map.width).map(|x| of(map.color_at(x, y)));
         0.5 * (edge(y) - edge(y + 1)) * colors.map(|l| f64::from(l.abs())).sum::<f64>() / map.width as f64
     };
-    paced(map.data.chunks_exact(map.width * map.channels).enumerate(), map.width).map(row).sum()
+    paced(0..map.height, map.width).map(row).sum()
 }
 
 impl LightTable {
@@ -252,7 +251,11 @@ impl LightTable {
                 DeltaLight::Point { intensity, .. } => {
                     4.0 * std::f64::consts::PI * f64::from(luminance(*intensity).abs())
                 }
-                DeltaLight::Spot { intensity, cone, .. } => cone.solid_angle() * f64::from(luminance(*intensity).abs()),
+                DeltaLight::Spot { intensity, cone, profile, .. } => {
+                    // A profile is brightest where its light is aimed: more than its mean.
+                    let most = profile.map_or(1.0, |p| description.textures.get(p.texels).map_or(0.0, brightest));
+                    cone.solid_angle() * most * f64::from(luminance(*intensity).abs())
+                }
                 DeltaLight::Goniometric { intensity, profile, .. } => {
                     let mean = description.textures.get(profile.texels).map_or(0.0, mean_over_sphere);
                     4.0 * std::f64::consts::PI * mean * f64::from(luminance(*intensity).abs())
