@@ -102,9 +102,8 @@ fn mpirun() -> Command {
     let mut command = Command::new("mpirun");
     command.arg("--oversubscribe");
     command.env("OMPI_ALLOW_RUN_AS_ROOT", "1").env("OMPI_ALLOW_RUN_AS_ROOT_CONFIRM", "1").env("NO_COLOR", "1");
-    // Processes that are asked to end are killed after two seconds, not after one: disks of machines that are busy are slow. (`mpirun` waits as
-    // long before it asks.)
-    command.env("OMPI_MCA_odls_base_sigkill_timeout", "2");
+    // Where a process fails, all have come to their ends: nothing need be waited for.
+    command.env("OMPI_MCA_odls_base_sigkill_timeout", "0");
     command
 }
 
@@ -158,7 +157,7 @@ fn examples_leave_the_same_bytes() {
         };
         let (code, expected) = run(1, "1");
         assert!(expected.len() > 2 && code.is_some_and(|code| code < 2), "{example}: {code:?} {:?}", expected.keys());
-        for (processes, threads) in [(1, "2"), (2, "2"), (3, "1")] {
+        for (processes, threads) in [(1, "2"), (3, "1")] {
             let (also, found) = run(processes, threads);
             assert_eq!(also, code, "{example} in {processes} processes");
             assert_same(&found, &expected, &format!("{example} in {processes} processes, {threads} threads"));
@@ -197,7 +196,7 @@ fn send(signal: &str, process: u32) {
 #[test]
 fn a_run_that_loses_a_process_goes_on_with_another_number_of_them() {
     let place = Place::new();
-    place.write("a.dscene", &POSE.replace("steps: 12", "steps: 160"));
+    place.write("a.dscene", &POSE.replace("steps: 12", "steps: 100"));
     assert_code(&place.alone(&["run", "a.dscene", "--out", "alone", "--threads", "2", "--quiet"]), 0);
     let expected = left_behind(&place.path("alone"));
     let mut last_words = 0;
@@ -207,6 +206,9 @@ fn a_run_that_loses_a_process_goes_on_with_another_number_of_them() {
     {
         let run = format!("run-{number}");
         let mut command = place.command(3, &["run", "a.dscene", "--out", &run, "--threads", "1"]);
+        // Processes that are asked to end are killed after two seconds, not after one: disks of machines that are busy are slow. (`mpirun` waits
+        // as long before it asks.)
+        command.env("OMPI_MCA_odls_base_sigkill_timeout", "2");
         let mut child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
         wait_for_lines(&place, &run, 10);
         let written = || fs::metadata(place.path(&run).join("checkpoint.bin")).unwrap().modified().unwrap();
@@ -229,7 +231,7 @@ fn a_run_that_loses_a_process_goes_on_with_another_number_of_them() {
         assert!(!child.wait().unwrap().success());
         last_words += usize::from(written() > before);
         let steps = fs::read_to_string(place.path(&run).join("log.jsonl")).unwrap().lines().count();
-        assert!((10..160).contains(&steps), "{steps} steps");
+        assert!((10..100).contains(&steps), "{steps} steps");
         let resume = ["run", "a.dscene", "--resume", &run, "--threads", "1", "--quiet"];
         let output = if number % 2 == 0 { place.together(2, &resume) } else { place.alone(&resume) };
         assert_code(&output, 0);

@@ -257,7 +257,7 @@ impl Engine {
                 return Err(error::not_a_number("a comparison", span, found));
             }
         }
-        arithmetic(op, &x, &y).map_err(|message| {
+        let result = arithmetic(op, &x, &y).map_err(|message| {
             let diagnostic = error::shape(message, span).label(left.span, x.kind()).label(right.span, y.kind());
             let images = matches!((&x, &y), (Value::Image(_), Value::Image(_)));
             diagnostic.help_opt((images && self.overrides.film_scale.is_some()).then(|| {
@@ -265,7 +265,14 @@ impl Engine {
                  `resize(photo, width: eye.film.x, height: eye.film.y)`, which follows it"
                     .to_owned()
             }))
-        })
+        })?;
+        if op == BinaryOp::Pow && is_unreal(&result) && !is_unreal(&x) && !is_unreal(&y) {
+            let base = x.var().and_then(|x| x.value().data.iter().find(|x| **x < 0.0)).copied().unwrap_or_default();
+            let message = format!("a power of {base} is a real number for whole exponents only");
+            let help = "clamp the base, `max(x, 0) ^ y`, or take the root of its size: `abs(x) ^ y`";
+            return Err(error::value(message, span).label(left.span, "this is negative").help(help));
+        }
+        Ok(result)
     }
 
     /// Whether two values are near to each other.
@@ -424,6 +431,11 @@ pub(super) fn elementwise(op: BinaryOp) -> Option<Binary> {
         BinaryOp::Or => Binary::Max,
         BinaryOp::Apply => return None,
     })
+}
+
+/// Whether there is a NaN in it.
+fn is_unreal(value: &Value) -> bool {
+    origin::first(value, f64::is_nan).is_some()
 }
 
 /// A binary operation on values; the error is a message.

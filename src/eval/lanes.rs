@@ -342,13 +342,17 @@ fn combined(op: BinaryOp, x: &Lanes, y: &Lanes) -> Option<Lanes> {
         if op == BinaryOp::Apply || (!is_number && (compares_nan(x) || compares_nan(y))) {
             return None;
         }
-        return arithmetic(op, x, y).ok().map(Lanes::Same);
+        let result = arithmetic(op, x, y).ok()?;
+        let unreal = op == BinaryOp::Pow && super::origin::first(&result, f64::is_nan).is_some();
+        return (!unreal).then_some(Lanes::Same(result));
     }
     let f = elementwise(op)?;
     let (_, sides) = aligned(&[x.clone(), y.clone()])?;
     let result = sides[0].binary(f, &sides[1]).ok()?;
     if !f.is_comparison() {
-        return Some(Lanes::Each(result));
+        // A power that is not a real number is an error, which the evaluation by item tells.
+        let unreal = op == BinaryOp::Pow && result.value().data.iter().any(|x| x.is_nan());
+        return (!unreal).then_some(Lanes::Each(result));
     }
     // `==` compares arrays as a whole, and a comparison with NaN is an error, so both are left to the evaluation by item.
     let unclear = sides.iter().any(|side| side.value().data.iter().any(|x| x.is_nan()));

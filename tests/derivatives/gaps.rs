@@ -97,7 +97,7 @@ fn levels_that_change() {
         let (description, camera) = crate::mip_maps::random_floor(Filter::Trilinear, 0.8);
         (description, Camera { origin: camera.origin * (1.0 - t), ..camera })
     };
-    let plan = Plan { h: 0.02, spp: 4096, fd_spp: 4096, seeds: 8, output: Output::Albedo, ..Plan::default() };
+    let plan = Plan { h: 0.02, spp: 512, fd_spp: 512, seeds: 8, output: Output::Albedo, ..Plan::default() };
     misses("gap: levels of mip maps", &build, &plan, gap("show other levels", 0.3..=0.38));
 }
 

@@ -49,7 +49,8 @@ fn examples_find_what_they_look_for() {
     let (next, wrong) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
     let lane = || {
         while let Some(script) = scripts.get(next.fetch_add(1, Ordering::Relaxed)) {
-            wrong.lock().unwrap().extend(run(script).err());
+            let failed = run(script).err();
+            wrong.lock().unwrap().extend(failed);
         }
     };
     std::thread::scope(|scope| (0..2).for_each(|_| drop(scope.spawn(lane))));

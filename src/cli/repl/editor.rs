@@ -250,6 +250,15 @@ fn candidates(words: &Words, line: &str, position: usize) -> (usize, Vec<Candida
         return (position - path.len(), paths.map(|path| Candidate::new(path, "")).collect());
     }
     let Some(known) = &words.known else { return (position, Vec::new()) };
+    // These begin with a name of one's own.
+    let named = before.split_once(' ').filter(|(command, _)| [":set", ":edit"].contains(command));
+    if let Some(name) = named.map(|(_, rest)| rest.trim_start()).filter(|name| !name.contains(' ')) {
+        let program = &known.known.program;
+        let own = program.ids().map(|id| program.decl(id)).filter(|d| d.user && d.name.starts_with(name));
+        let mut found: Vec<Candidate> = own.map(|d| Candidate::new(&*d.name, d.ty.to_string())).collect();
+        found.sort_by(|a, b| a.text.cmp(&b.text));
+        return (position - name.len(), found);
+    }
     // What a command is given is an expression; a line is a statement or an expression.
     let (skipped, as_statement) = match before.strip_prefix(':').and_then(|rest| rest.find(' ')) {
         Some(space) => (space + 1, None),
@@ -301,6 +310,9 @@ mod tests {
             ("mean(rect", 5, &["rectangle"]),
             ("\"é\" + corn", 7, &["corners"]),
             (":type corn", 6, &["corners"]),
+            (":set ", 5, &["corners", "far"]),
+            (":edit co", 6, &["corners"]),
+            (":set corners corn", 13, &["corners"]),
             ("corners[0].", 11, &["g", "r", "x", "y"]),
             ("sphere(rad", 7, &["radius: "]),
             ("let c = corn", 8, &["corners"]),

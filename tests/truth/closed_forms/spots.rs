@@ -45,7 +45,7 @@ impl Spot {
     fn light(&self) -> DeltaLight {
         let cone = Cone { axis: self.axis.as_vec3(), beam: self.beam as f32, cutoff: self.cutoff as f32 };
         let intensity = Vec3::splat(INTENSITY as f32);
-        DeltaLight::Spot { position: self.position.as_vec3(), intensity, cone }
+        DeltaLight::Spot { position: self.position.as_vec3(), intensity, cone, profile: None }
     }
 }
 
