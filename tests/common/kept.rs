@@ -3,8 +3,9 @@
 //! `differences.csv` has one for each row of `derivatives` and of `truth/finite_differences.rs`, and for each element of a case of
 //! `derivatives/slots.rs`, as the long statistics draw them. In brief a derivative is compared with the one that is kept, which is more precise
 //! than what could be drawn in that time; where scene, film, step or kind of output are others than those it was drawn for, it is drawn.
-//! `cargo truth` draws some samples of each, and fails where the renderer does not give the differences that are kept any more;
-//! `DSCENE_TRUTH=2 cargo truth` draws all, as if none were kept. CONTRIBUTING.md says how they are recorded.
+//! `cargo truth` draws some samples of every fourth row, and fails where the renderer does not give the differences that are kept any more;
+//! `DSCENE_TRUTH=3 cargo truth` does so for all rows, and `DSCENE_TRUTH=2` draws all, as if none were kept. CONTRIBUTING.md says how they are
+//! recorded.
 
 use std::collections::HashMap;
 use std::fs;
@@ -54,6 +55,11 @@ pub fn difference(name: &str, of: &str) -> Option<Measured> {
 /// Whether no difference that is kept takes the place of one that is drawn.
 pub fn draws_all() -> bool {
     percent().is_some_and(|percent| percent < 3.0) || is_recording()
+}
+
+/// Whether the long statistics draw some samples of a difference that is kept: whether the renderer still gives it.
+pub fn is_drawn_again(name: &str) -> bool {
+    percent().is_some_and(|percent| percent <= 3.0 || fingerprint(name.as_bytes()).is_multiple_of(4))
 }
 
 /// Whether differences are drawn to be kept.

@@ -377,6 +377,7 @@ pub fn difference(
         // A difference that is kept is looked at again, in brief: whether the renderer still gives it.
         let found = match kept {
             None => drawn(seeds.clone()),
+            Some(kept) if !kept::is_drawn_again(name) => return kept,
             Some(_) => {
                 let seeds = seeds.start..(seeds.end / 4).max(8).min(seeds.end);
                 statistics(&finite_differences(build, &Plan { fd_spp: plan.fd_spp.div_ceil(4), ..*plan }, seeds))
@@ -445,7 +446,7 @@ pub fn agree(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camera), plan
         // Those that are kept held when they were recorded, from more samples than these.
         found = compare(name, build, &afresh, 32, if long() { None } else { kept });
     }
-    if long() && is_as_recorded {
+    if long() && is_as_recorded && found.differences.drawn() > 0 {
         let more = || statistics(&finite_differences(build, &plan, 2_000_000..2_000_000 + plan.fd_seeds.max(32)));
         kept::record_or_compare(name, &Scenes::new(build, &plan).text(), statistics(&found.differences.values), more);
     }
@@ -636,7 +637,7 @@ impl Comparison {
 }
 
 /// At first `least` of each, or an eighth of the plan; then more as [`agree`] says. Where a difference is kept that one counts: none is
-/// drawn in brief, and in long as many as show that the renderer still gives it, a thirty-second of the plan.
+/// drawn in brief, and in long, of some rows, as many as show that the renderer still gives it, a thirty-second of the plan.
 fn compare(
     name: &str,
     build: &dyn Fn(f32) -> (SceneDescription, Camera),
@@ -656,7 +657,7 @@ fn compare(
     let more_differences =
         |fd: &mut Side| fd.add(plan.from, portion(differences), |seeds| finite_differences(build, plan, seeds));
     more_gradients(&mut found.gradients);
-    if kept.is_none() || long() {
+    if kept.is_none() || kept::is_drawn_again(name) {
         more_differences(&mut found.differences);
     }
     found.differences.kept = kept;

@@ -106,7 +106,7 @@ fn texels_against_differences() {
 fn turned_coordinates_against_differences() {
     for (name, kind) in [("floor", Kind::Floor), ("lamp", Kind::Lamp)] {
         let build = |t: f32| scene(kind, Filter::Trilinear, 0.3, 0.3 + t, 0.0);
-        agree(&format!("mip map: {name}, coordinates turned"), &build, &Plan { h: 0.02, ..PLAN() });
+        agree(&format!("mip map: {name}, coordinates turned"), &build, &Plan { h: 0.004, ..PLAN() });
     }
 }
 
