@@ -5,9 +5,10 @@ use std::path::Path;
 use std::sync::Arc;
 
 use crate::image::Image;
+use crate::memory::Shortage;
 use crate::mesh::load::{
-    Clear, Loaded, LoadedCamera, LoadedImage, LoadedLight, LoadedLightKind, LoadedMaterial, LoadedPart,
-    LoadedProjection, NO_TRIANGLE, Sheen, Wanted, load, load_cameras,
+    Clear, Coat, Loaded, LoadedCamera, LoadedGrain, LoadedImage, LoadedLight, LoadedLightKind, LoadedMaterial,
+    LoadedPart, LoadedProjection, NO_TRIANGLE, Sheen, Wanted, load, load_cameras,
 };
 use crate::mesh::{Mesh, MeshError};
 use crate::render::bsdf::sheen_roughness_of;
@@ -77,7 +78,7 @@ fn load_scene(a: &Args) -> Result<SceneValue> {
     let mut converter = Converter::default();
     for part in parts.iter().filter(|p| !p.mesh.faces.is_empty()) {
         // Every part becomes a shape or a light.
-        let _ = add_to_scene(&mut scene, &converter.part(part));
+        let _ = add_to_scene(&mut scene, &converter.part(part)?);
     }
     scene.lights.extend(lights.iter().map(|l| Arc::new(light(l))));
     if scene.shapes.is_empty() && scene.lights.is_empty() {
@@ -102,19 +103,19 @@ struct Appearance {
 }
 
 impl Converter {
-    fn part(&mut self, part: &LoadedPart) -> Value {
+    fn part(&mut self, part: &LoadedPart) -> Result<Value, Shortage> {
         let mesh = MeshValue::from(&part.mesh);
         let appearance = match (&part.material, tint(&part.mesh)) {
             (None, None) => Arc::new(plain(grey())),
             // Vertex colours without a material are the reflectance.
             (None, Some(_)) => Arc::new(plain(MaterialKind::Diffuse { reflectance: Input::VertexColor }.into())),
-            (Some(loaded), None) => self.appearance(loaded),
+            (Some(loaded), None) => self.appearance(loaded)?,
             (Some(loaded), Some(Tint::Constant(tint))) => {
                 let tinted = LoadedMaterial { base_color: loaded.base_color * tint, ..(**loaded).clone() };
-                Arc::new(appearance(&tinted))
+                Arc::new(appearance(&tinted)?)
             }
             (Some(loaded), Some(Tint::Varying)) => {
-                let mut appearance = (*self.appearance(loaded)).clone();
+                let mut appearance = (*self.appearance(loaded)?).clone();
                 let mut material = (*appearance.material).clone();
                 if let MaterialKind::Principled { base_color, .. } | MaterialKind::Cloth { diffuse: base_color, .. } =
                     &mut material.kind
@@ -132,17 +133,22 @@ impl Converter {
             material = Arc::new(MaterialValue { normals: None, grain: None, ..(*material).clone() });
         }
         let mesh = Arc::new(mesh);
-        match &appearance.radiance {
+        Ok(match &appearance.radiance {
             Some(radiance) => {
                 let (radiance, two_sided) = (radiance.clone(), appearance.two_sided);
                 Value::Light(Arc::new(LightValue::Area { mesh, radiance, two_sided, material: Some(material) }))
             }
             None => Value::Shape(Arc::new(ShapeValue { mesh, material })),
-        }
+        })
     }
 
-    fn appearance(&mut self, loaded: &Arc<LoadedMaterial>) -> Arc<Appearance> {
-        self.made.entry(Arc::as_ptr(loaded)).or_insert_with(|| Arc::new(appearance(loaded))).clone()
+    fn appearance(&mut self, loaded: &Arc<LoadedMaterial>) -> Result<Arc<Appearance>, Shortage> {
+        if let Some(made) = self.made.get(&Arc::as_ptr(loaded)) {
+            return Ok(made.clone());
+        }
+        let made = Arc::new(appearance(loaded)?);
+        self.made.insert(Arc::as_ptr(loaded), made.clone());
+        Ok(made)
     }
 }
 
@@ -163,22 +169,23 @@ fn plain(material: MaterialValue) -> Appearance {
     Appearance { material: Arc::new(material), radiance: None, two_sided: false }
 }
 
-fn appearance(loaded: &LoadedMaterial) -> Appearance {
+fn appearance(loaded: &LoadedMaterial) -> Result<Appearance, Shortage> {
     if let Some(clear) = loaded.clear {
         let number = |ior: f32| Input::Number(Var::from(f64::from(ior)));
         let material = match clear {
             Clear::Body { ior, absorption } => {
                 let absorption = (absorption != glam::Vec3::ZERO).then(|| color(absorption));
-                let roughness = (loaded.roughness > 0.0).then(|| texels(loaded.roughness_texels()));
+                let roughness = (loaded.roughness > 0.0).then(|| texels(loaded.roughness_texels())).transpose()?;
                 MaterialKind::Dielectric { ior: number(ior), roughness, absorption }.into()
             }
             Clear::Pane(ior) => {
-                MaterialKind::ThinDielectric { ior: number(ior), tint: texels(loaded.base_color_texels()) }.into()
+                MaterialKind::ThinDielectric { ior: number(ior), tint: texels(loaded.base_color_texels())? }.into()
             }
         };
-        return Appearance { radiance: loaded.emissive_texels().map(texels), two_sided: true, ..plain(material) };
+        let radiance = loaded.emissive_texels().map(texels).transpose()?;
+        return Ok(Appearance { radiance, two_sided: true, ..plain(material) });
     }
-    let base_color = texels(loaded.base_color_texels());
+    let base_color = texels(loaded.base_color_texels())?;
     let kind = match loaded.sheen {
         Some(Sheen { color, roughness }) => MaterialKind::Cloth {
             diffuse: base_color,
@@ -187,35 +194,37 @@ fn appearance(loaded: &LoadedMaterial) -> Appearance {
         },
         None => MaterialKind::Principled {
             base_color,
-            metallic: texels(loaded.metallic_texels()),
-            roughness: texels(loaded.roughness_texels()),
+            metallic: texels(loaded.metallic_texels())?,
+            roughness: texels(loaded.roughness_texels())?,
             specular: Input::Number(Var::from(0.5 * f64::from(loaded.specular))),
         },
     };
-    let opacity = loaded.opacity.clone().map(texels);
-    let normals = loaded.normals.clone().map(texels);
-    let coat = loaded.coat.as_ref().map(|coat| {
-        let [weight, roughness] = [coat.weight_texels(), coat.roughness_texels()].map(texels);
-        ClearCoat { weight, roughness }
-    });
-    let grain = loaded.grain.as_ref().map(|grain| Grain {
-        anisotropy: texels(grain.strength_texels()),
-        turn: Input::Number(Var::from(f64::from(grain.rotation))),
-    });
+    let opacity = loaded.opacity.clone().map(texels).transpose()?;
+    let normals = loaded.normals.clone().map(texels).transpose()?;
+    let coat = |coat: &Coat| {
+        Ok(ClearCoat { weight: texels(coat.weight_texels())?, roughness: texels(coat.roughness_texels())? })
+    };
+    let coat = loaded.coat.as_ref().map(coat).transpose()?;
+    let grain = |grain: &LoadedGrain| {
+        let turn = Input::Number(Var::from(f64::from(grain.rotation)));
+        Ok(Grain { anisotropy: texels(grain.strength_texels())?, turn })
+    };
+    let grain = loaded.grain.as_ref().map(grain).transpose()?;
     let one_sided = !loaded.double_sided;
     let material = Arc::new(MaterialValue { grain, coat, one_sided, opacity, normals, ..kind.into() });
-    Appearance { material, radiance: loaded.emissive_texels().map(texels), two_sided: loaded.double_sided }
+    let radiance = loaded.emissive_texels().map(texels).transpose()?;
+    Ok(Appearance { material, radiance, two_sided: loaded.double_sided })
 }
 
 fn color(color: glam::Vec3) -> Input {
     Input::Number(Var::constant(Tensor::vector(color.to_array().map(f64::from).to_vec())))
 }
 
-fn texels(loaded: LoadedImage) -> Input {
+fn texels(loaded: LoadedImage) -> Result<Input, Shortage> {
     let image: &Image = &loaded.image;
-    let texels = Texels::of_image(image);
+    let texels = Texels::of_image(image)?;
     let filter = if loaded.nearest { Filter::Nearest } else { Filter::Bilinear };
-    Input::Texture(Arc::new(TextureValue { texels, wrap: loaded.wrap, filter }))
+    Ok(Input::Texture(Arc::new(TextureValue { texels, wrap: loaded.wrap, filter })))
 }
 
 fn light(loaded: &LoadedLight) -> LightValue {

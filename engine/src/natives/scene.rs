@@ -105,7 +105,7 @@ fn keep(a: &Args, kind: SettingsKind) -> Result<Value> {
 
 fn texture(a: &Args) -> Result<Value> {
     let texels = match a.value(0)? {
-        Value::Str(_) => Texels::of_image(&usable_image(decoded_image(a, 0)?, 0)?),
+        Value::Str(_) => Texels::of_image(&usable_image(decoded_image(a, 0)?, 0)?)?,
         Value::Num(v) if v.shape().is_empty() => v.reshape(vec![1, 1, 1])?.into(),
         Value::Num(v) if v.shape() == [3] => v.reshape(vec![1, 1, 3])?.into(),
         _ => usable_channels(&a.image(0)?, 0)?.into(),

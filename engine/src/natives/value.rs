@@ -6,6 +6,7 @@ use std::sync::{Arc, OnceLock};
 
 use crate::image::Image;
 use crate::image::packed::Packed;
+use crate::memory::{self, Shortage};
 use crate::network::Network;
 use crate::optim::{Law, Rule};
 use crate::render::Material;
@@ -79,15 +80,14 @@ impl Texels {
     const LARGE: usize = 64 * 64;
 
     /// Those of an image that is not differentiated.
-    pub fn of_image(image: &Image) -> Texels {
+    pub fn of_image(image: &Image) -> Result<Texels, Shortage> {
         let large = image.width * image.height >= Texels::LARGE;
-        match large.then(|| Packed::of(image)).flatten() {
-            Some(image) => {
-                let shape = [image.height, image.width, image.channels];
-                Texels::Packed(Arc::new(PackedTexels { image: Arc::new(image), shape, var: OnceLock::new() }))
-            }
-            None => Texels::Var(Var::constant(Tensor::from_image(image))),
+        if let Some(image) = large.then(|| Packed::of(image)).flatten() {
+            let shape = [image.height, image.width, image.channels];
+            return Ok(Texels::Packed(Arc::new(PackedTexels { image: Arc::new(image), shape, var: OnceLock::new() })));
         }
+        memory::ask_for::<f64>(image.data.len())?;
+        Ok(Texels::Var(Var::constant(Tensor::from_image(image))))
     }
 
     /// A node of the tape, which is made of bytes when it is first asked for.

@@ -19,7 +19,7 @@ pub enum Filter {
     /// The nearest texel; the derivatives in uv are zero.
     Nearest,
     /// Trilinear interpolation in a mip map (Williams 1983, "Pyramidal Parametrics"): between two levels of ever coarser bitmaps, each
-    /// with half the texels a side of the one before, and bilinear in both. Which levels, [`super::level`] says.
+    /// with half the texels a side of the one before, and bilinear in both. Which levels, `render::level` says.
     Trilinear,
 }
 
