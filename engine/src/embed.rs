@@ -83,7 +83,8 @@ impl SceneBuilder {
         self.texture(Texture::constant_scalar(value))
     }
 
-    /// A bitmap as an input of materials and lights; it is looked up at the texture coordinates of the mesh.
+    /// A bitmap as an input of materials and lights; it is looked up at the texture coordinates of the mesh. The derivatives of a mip map are
+    /// those of all its levels (`Texture::data`); [`crate::image::filter::d_halve`] takes them from one level back to the finer one.
     pub fn texture(&mut self, texture: Texture) -> Input {
         self.description.textures.push(texture);
         Input::Texture(self.description.textures.len() - 1)
@@ -122,8 +123,8 @@ impl SceneBuilder {
     }
 
     /// Adds a point, spot, goniometric or directional light: `NAME.position` (a directional light's is its direction) and
-    /// `NAME.intensity`, of a spot `NAME.axis` and `NAME.cone` too, of a goniometric light `NAME.profile` (the texels of its map) and
-    /// `NAME.rotation`.
+    /// `NAME.intensity`, of a spot `NAME.axis` and `NAME.cone` too, and where a goniometric light or a spot has a profile, `NAME.profile` (the texels of its
+    /// map) and `NAME.rotation`.
     pub fn light(&mut self, name: &str, light: DeltaLight) -> usize {
         let index = self.description.delta_lights.len();
         self.add_name(name, "position", Slot::LightPlacement(index));

@@ -109,7 +109,7 @@ pub fn value<'py>(py: Python<'py>, value: &Value) -> PyResult<Bound<'py, PyAny>>
         Value::Str(s) => Ok(s.as_ref().into_pyobject(py)?.into_any()),
         Value::Num(var) | Value::Rotation(var) | Value::Transform(var) => numbers(py, var),
         Value::Image(var) => image(py, shared_array(py, var.tensor())?),
-        Value::Texture(texture) => image(py, shared_array(py, texture.texels.tensor())?),
+        Value::Texture(texture) => image(py, shared_array(py, texture.texels.var().tensor())?),
         Value::List(items) => {
             let list = PyList::empty(py);
             items.iter().try_for_each(|item| list.append(self::value(py, item)?))?;

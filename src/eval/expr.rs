@@ -5,7 +5,10 @@ use std::sync::Arc;
 use crate::check::hir::{BinaryOp, Builtin, Expr, ExprKind, Replacement, StrFormat, StrPart, UnaryOp};
 use crate::check::types::Ty;
 use crate::memory;
-use crate::natives::{self, value::Value};
+use crate::natives::{
+    self,
+    value::{TextureValue, Value},
+};
 use crate::source::Span;
 use crate::stop;
 use crate::tape::{Binary, Slice, Tensor, Var};
@@ -267,10 +270,9 @@ impl Engine {
             }))
         })?;
         if op == BinaryOp::Pow && is_unreal(&result) && !is_unreal(&x) && !is_unreal(&y) {
-            let base = x.var().and_then(|x| x.value().data.iter().find(|x| **x < 0.0)).copied().unwrap_or_default();
-            let message = format!("a power of {base} is a real number for whole exponents only");
+            let message = "a power of a negative number is a real number for whole exponents only";
             let help = "clamp the base, `max(x, 0) ^ y`, or take the root of its size: `abs(x) ^ y`";
-            return Err(error::value(message, span).label(left.span, "this is negative").help(help));
+            return Err(error::value(message, span).label(left.span, "the base").help(help));
         }
         Ok(result)
     }
@@ -438,6 +440,11 @@ fn is_unreal(value: &Value) -> bool {
     origin::first(value, f64::is_nan).is_some()
 }
 
+/// The texels of a texture on the tape.
+fn image_of(t: &TextureValue) -> std::result::Result<Value, String> {
+    t.texels.try_var().map(|texels| Value::Image(texels.clone())).map_err(|e| e.to_string())
+}
+
 /// A binary operation on values; the error is a message.
 pub(super) fn arithmetic(op: BinaryOp, x: &Value, y: &Value) -> std::result::Result<Value, String> {
     let Some(f) = elementwise(op) else { return natives::apply(x, y).map_err(|e| e.message) };
@@ -466,17 +473,11 @@ pub(super) fn arithmetic(op: BinaryOp, x: &Value, y: &Value) -> std::result::Res
         (Value::Image(a), Value::Image(b)) | (Value::Image(a), Value::Num(b)) | (Value::Num(a), Value::Image(b)) => {
             Ok(Value::Image(a.binary(f, b).map_err(|e| sizes(a, b, e.0))?))
         }
-        (Value::Texture(t), Value::Num(_)) => {
-            arithmetic(op, &Value::Image(t.texels.var().clone()), y).map(|v| texture(x, v))
-        }
-        (Value::Num(_), Value::Texture(t)) => {
-            arithmetic(op, x, &Value::Image(t.texels.var().clone())).map(|v| texture(y, v))
-        }
-        (Value::Texture(_), Value::Texture(t)) => arithmetic(op, x, &Value::Image(t.texels.var().clone())),
-        (Value::Texture(t), Value::Image(_)) => {
-            arithmetic(op, &Value::Image(t.texels.var().clone()), y).map(|v| texture(x, v))
-        }
-        (Value::Image(_), Value::Texture(t)) => arithmetic(op, x, &Value::Image(t.texels.var().clone())),
+        (Value::Texture(t), Value::Num(_)) => arithmetic(op, &image_of(t)?, y).map(|v| texture(x, v)),
+        (Value::Num(_), Value::Texture(t)) => arithmetic(op, x, &image_of(t)?).map(|v| texture(y, v)),
+        (Value::Texture(_), Value::Texture(t)) => arithmetic(op, x, &image_of(t)?),
+        (Value::Texture(t), Value::Image(_)) => arithmetic(op, &image_of(t)?, y).map(|v| texture(x, v)),
+        (Value::Image(_), Value::Texture(t)) => arithmetic(op, x, &image_of(t)?),
         (Value::Rotation(_) | Value::Transform(_), _) if op == BinaryOp::Mul => {
             Err("rotations and transforms are applied by `@`".into())
         }

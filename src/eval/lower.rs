@@ -316,7 +316,7 @@ impl Builder {
         match map {
             Input::Texture(t) => {
                 let filter = if t.filter == Filter::Trilinear { Filter::Bilinear } else { t.filter };
-                let finest = TextureValue { filter, texels: t.texels.var().clone().into(), ..**t };
+                let finest = TextureValue { filter, texels: try_texels(&t.texels)?.clone().into(), ..**t };
                 self.input(&Input::Texture(Arc::new(finest)), true)
             }
             _ => self.input(map, true),
@@ -329,7 +329,12 @@ impl Builder {
         if let Some(&id) = self.textures.get(&key) {
             return Ok(RenderInput::Texture(id));
         }
-        let texture = Texture::from_packed(texels.image.clone(), t.wrap, t.filter).map_err(|e| bad(&e.to_string()))?;
+        let coarser = match t.filter {
+            Filter::Trilinear => texels.coarser().map_err(|e| LowerError::Tape(e.to_string()))?.to_vec(),
+            Filter::Bilinear | Filter::Nearest => Vec::new(),
+        };
+        let texture = Texture::from_packed(texels.image.clone(), coarser, t.wrap, t.filter);
+        let texture = texture.map_err(|e| bad(&e.to_string()))?;
         let id = self.description.textures.len();
         self.description.textures.push(texture);
         self.textures.insert(key, id);
@@ -375,6 +380,10 @@ impl Builder {
         self.textures.insert(key, id);
         Ok(RenderInput::Texture(id))
     }
+}
+
+fn try_texels(texels: &Texels) -> Result<&Var, LowerError> {
+    texels.try_var().map_err(|e| LowerError::Tape(e.to_string()))
 }
 
 /// What may move of a camera.

@@ -384,6 +384,9 @@ impl Writer<'_> {
         if width * height == 1 {
             return Look { constant: color_of(texels), image: None };
         }
+        if filter == Filter::Trilinear {
+            self.tell("the mip map of a texture is left to whoever reads the file", name);
+        }
         let numbers = texels.value().to_f32();
         if !numbers.iter().all(|x| *x >= 0.0) {
             self.tell("an image of glTF holds no numbers below 0", name);

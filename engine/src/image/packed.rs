@@ -2,7 +2,7 @@
 //! values, so that nothing is lost, whatever the file's encoding and whatever the image was multiplied by.
 
 use super::Image;
-use crate::stop::Pace;
+use crate::stop::{Pace, paced};
 
 /// An image with a byte for each number.
 #[derive(Clone, Debug, PartialEq)]
@@ -75,7 +75,7 @@ impl Packed {
     /// What was packed.
     pub fn to_image(&self) -> Image {
         let Packed { width, height, channels, .. } = *self;
-        Image { width, height, channels, data: self.numbers().collect() }
+        Image { width, height, channels, data: paced(self.numbers(), 1).collect() }
     }
 }
 

@@ -66,26 +66,26 @@ pub fn profile_rotation(light: &DeltaLightValue) -> std::result::Result<Option<V
 }
 
 /// The least rotation that turns what hangs down into a direction d, after a turn about the vertical. With d = (x, y, z) it is, by
-/// Rodrigues' formula for two unit vectors, c I + [v]ₓ + v vᵀ / (1 + c) of c = −y and v = (−z, 0, x).
+/// Rodrigues' formula for two unit vectors, c I + [v]ₓ + v vᵀ / (1 + c) of c = −y and v = (−z, 0, x). Next to straight up there is no least
+/// one: half a turn about x, and then the least one from there.
 fn aim(direction: &Var, turn: Option<&Var>) -> std::result::Result<Var, TapeError> {
     let d = direction.normalize()?;
-    // Straight up there is no least one: half a turn about x.
-    let tilt = if d.value().data.get(1).is_some_and(|y| *y > 0.999_999) {
-        let half_turn = vec![1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, -1.0];
-        Var::constant(Tensor::new(vec![3, 3], half_turn))
-    } else {
-        let [x, y, z] = [0, 1, 2].map(|i| d.slice(&[Slice::At(i)]));
-        let (x, y, z) = (x?, y?, z?);
-        let c = y.neg();
-        let k = Var::from(1.0).div(&Var::from(1.0).sub(&y)?)?;
-        let across = k.mul(&x)?.mul(&z)?.neg();
-        let rows = [
-            [c.add(&k.mul(&z)?.mul(&z)?)?, x.neg(), across.clone()],
-            [x.clone(), c.clone(), z.clone()],
-            [across, z.neg(), c.add(&k.mul(&x)?.mul(&x)?)?],
-        ];
-        Var::stack(&rows.concat())?.reshape(vec![3, 3])?
-    };
+    let is_up = d.value().data.get(1).is_some_and(|y| *y > 0.999_999);
+    // After half a turn about x, −d takes the place of d in the formula.
+    let d = if is_up { d.neg() } else { d };
+    let [x, y, z] = [0, 1, 2].map(|i| d.slice(&[Slice::At(i)]));
+    let (x, y, z) = (x?, y?, z?);
+    let c = y.neg();
+    let k = Var::from(1.0).div(&Var::from(1.0).sub(&y)?)?;
+    let across = k.mul(&x)?.mul(&z)?.neg();
+    let rows = [
+        [c.add(&k.mul(&z)?.mul(&z)?)?, x.neg(), across.clone()],
+        [x.clone(), c.clone(), z.clone()],
+        [across, z.neg(), c.add(&k.mul(&x)?.mul(&x)?)?],
+    ];
+    let least = Var::stack(&rows.concat())?.reshape(vec![3, 3])?;
+    let half_turn = Tensor::new(vec![3, 3], vec![1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, -1.0]);
+    let tilt = if is_up { least.matmul(&Var::constant(half_turn))? } else { least };
     match turn {
         None => Ok(tilt),
         Some(turn) => {
@@ -223,7 +223,7 @@ fn environment(a: &Args) -> Result<Value> {
         radiance = match radiance {
             Input::Number(v) => Input::Number(v.mul(&scale)?),
             Input::Texture(t) => {
-                let texels = t.texels.var().mul(&scale)?.into();
+                let texels = t.texels.try_var()?.mul(&scale)?.into();
                 Input::Texture(Arc::new(TextureValue { texels, ..(*t).clone() }))
             }
             other => other,

@@ -265,7 +265,7 @@ impl<'a> Args<'a> {
     pub fn image(&self, index: usize) -> Result<Var> {
         let image = match self.value(index)? {
             Value::Image(v) => v.clone(),
-            Value::Texture(t) => t.texels.var().clone(),
+            Value::Texture(t) => t.texels.try_var()?.clone(),
             Value::Num(v) if v.shape().len() == 3 => v.clone(),
             Value::Num(v) if v.shape().len() == 2 => v.reshape([v.shape(), &[1]].concat())?,
             _ => return Err(self.wrong(index, "an image")),

@@ -20,7 +20,7 @@ pub(super) const TABLE: &[(&str, Native)] = &[
     ("stop_gradient", |a| elementwise(a, Unary::Stop)),
     ("log", log),
     ("sqrt", sqrt),
-    ("pow", |a| binary(a, Binary::Pow)),
+    ("pow", power),
     ("sin", |a| elementwise(a, Unary::Sin)),
     ("cos", |a| elementwise(a, Unary::Cos)),
     ("tan", |a| elementwise(a, Unary::Tan)),
@@ -59,7 +59,7 @@ pub(super) fn numbers(a: &Args, index: usize) -> Result<Var> {
             }
         }
         Value::Mesh(m) => Ok(m.vertices.clone()),
-        Value::Texture(t) => Ok(t.texels.var().clone()),
+        Value::Texture(t) => Ok(t.texels.try_var()?.clone()),
         _ => Ok(a.var(index)?.clone()),
     }
 }
@@ -81,6 +81,16 @@ fn sqrt(a: &Args) -> Result<Value> {
             .help("clamp it: `sqrt(max(x, 0))`"));
     }
     elementwise(a, Unary::Sqrt)
+}
+
+fn power(a: &Args) -> Result<Value> {
+    let result = binary(a, Binary::Pow)?;
+    let unreal = |v: &Value| v.var().is_some_and(|v| v.value().data.iter().any(|x| x.is_nan()));
+    if unreal(&result) && !unreal(a.value(0)?) && !unreal(a.value(1)?) {
+        let message = "a power of a negative number is a real number for whole exponents only";
+        return Err(NativeError::at(0, message).help("clamp the base: `pow(max(x, 0), y)`"));
+    }
+    Ok(result)
 }
 
 fn arc(a: &Args, f: Unary) -> Result<Value> {

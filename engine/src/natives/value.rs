@@ -10,7 +10,7 @@ use crate::memory::{self, Shortage};
 use crate::network::Network;
 use crate::optim::{Law, Rule};
 use crate::render::Material;
-use crate::render::texture::{Filter, Wrap};
+use crate::render::texture::{Filter, Wrap, coarser_levels};
 use crate::stop::paced;
 use crate::tape::{Tensor, Var};
 
@@ -73,6 +73,19 @@ pub struct PackedTexels {
     shape: [usize; 3],
     /// Once something is computed with them.
     var: OnceLock<Var>,
+    /// The coarser levels of their mip map, once it is rendered.
+    coarser: OnceLock<Vec<f32>>,
+}
+
+impl PackedTexels {
+    /// The numbers of the coarser levels of their mip map.
+    pub fn coarser(&self) -> Result<&[f32], Shortage> {
+        if self.coarser.get().is_none() {
+            // Those of the finest one too, of which they are made.
+            memory::ask_for::<f32>(2 * self.image.len())?;
+        }
+        Ok(self.coarser.get_or_init(|| coarser_levels(&self.image)))
+    }
 }
 
 impl Texels {
@@ -84,10 +97,26 @@ impl Texels {
         let large = image.width * image.height >= Texels::LARGE;
         if let Some(image) = large.then(|| Packed::of(image)).flatten() {
             let shape = [image.height, image.width, image.channels];
-            return Ok(Texels::Packed(Arc::new(PackedTexels { image: Arc::new(image), shape, var: OnceLock::new() })));
+            return Ok(Texels::Packed(Arc::new(PackedTexels {
+                image: Arc::new(image),
+                shape,
+                var: OnceLock::new(),
+                coarser: OnceLock::new(),
+            })));
         }
         memory::ask_for::<f64>(image.data.len())?;
         Ok(Texels::Var(Var::constant(Tensor::from_image(image))))
+    }
+
+    /// [`Texels::var`] for those who can do without: an error where there is no memory for it.
+    pub fn try_var(&self) -> Result<&Var, Shortage> {
+        if let Texels::Packed(packed) = self
+            && packed.var.get().is_none()
+        {
+            // In single precision on the way.
+            memory::ask_for::<[f32; 3]>(packed.image.len())?;
+        }
+        Ok(self.var())
     }
 
     /// A node of the tape, which is made of bytes when it is first asked for.
@@ -182,7 +211,7 @@ pub struct DeltaLightValue {
     pub model: DeltaModel,
     /// By the name of the constructor's argument.
     pub numbers: Vec<(&'static str, Var)>,
-    /// Of a point light, what its intensity is multiplied by in each direction.
+    /// Of a point or a spot light, what its intensity is multiplied by in each direction.
     pub profile: Option<ProfileValue>,
     /// The same light at the closing keyframe, if it moves while the shutter is open; that one has none.
     pub closing: Option<Arc<DeltaLightValue>>,

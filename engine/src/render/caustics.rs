@@ -206,6 +206,7 @@ pub fn left_out(scene: &Scene, camera: &Camera, settings: &Settings, image: &Ima
     if settings.has_caustics() || !traced.has_caustics() || validate_caustics(scene, &continuous, &traced).is_err() {
         return shares;
     }
+    let scene = &scene.seen_by(camera);
     let Some(films) = LightFilms::new(scene) else { return shares };
     let seed = hash(settings.seed, 0x6c65_6674_6f75_7400);
     let most = settings.max_bounces as usize - 1;

@@ -4,7 +4,9 @@
 //! another surface and what light tracing meets is the same surface everywhere, so that all estimators render one scene. (pbrt-v4 has
 //! the same rule, `Camera::Approximate_dp_dxy`; following the spread of each ray would be sharper in flat mirrors only.) The level is
 //! where a texel's area is that of the pixel's footprint, which is sharper at grazing angles than the footprint's longer side: what it
-//! leaves is averaged by the pixel's samples. Derivatives take the level as it is (`grad`'s coverage gaps say so).
+//! leaves is averaged by the pixel's samples. Normal and density of texels are those of the triangle, so that levels differ a little between the
+//! triangles of a curved or unevenly unwrapped mesh. Derivatives take the level as it is, and know nothing of these steps (`grad`'s coverage
+//! gaps say so).
 
 use super::accel::PrimId;
 use super::texture::Texture;
@@ -81,5 +83,32 @@ mod tests {
         assert!((level(&parallel) - 1.0).abs() < 1e-4);
         let round = Camera { projection: Projection::Fisheye, scale: [0.5, 0.5], ..at(2.0 * Vec3::Z, 32) };
         assert!((level(&round) - 1.0).abs() < 1e-4);
+    }
+
+    /// The area is what the rays through the corners of a small pixel cut out of the plane, anywhere on the film.
+    #[test]
+    fn footprints_are_what_pixels_see() {
+        let straight = Camera::look_at(Vec3::new(0.3, -0.2, 4.0), Vec3::new(0.5, 0.4, 0.0), Vec3::Y, 1.6, [400, 300]);
+        for (projection, scale) in [
+            (Projection::Perspective, straight.scale),
+            (Projection::Orthographic, [2.0, 1.5]),
+            (Projection::Fisheye, [1.2, 0.9]),
+            (Projection::Panorama, [1.2, 0.9]),
+        ] {
+            let camera = Camera { projection, scale, ..straight };
+            let view = View::new(&camera);
+            for place in [Vec2::new(200.0, 150.0), Vec2::new(40.0, 220.0), Vec2::new(330.0, 60.0)] {
+                let seen = |offset: Vec2| {
+                    let ray = camera.ray(place + offset);
+                    ray.origin - ray.dir * (ray.origin.z / ray.dir.z)
+                };
+                let half = 0.5;
+                let [a, b, c, d] =
+                    [(-half, -half), (half, -half), (half, half), (-half, half)].map(|(x, y)| seen(Vec2::new(x, y)));
+                let area = 0.5 * (c - a).cross(d - b).length();
+                let found = view.footprint(seen(Vec2::ZERO), Vec3::Z);
+                assert!((found / area - 1.0).abs() < 0.02, "{projection:?} at {place}: {found} and {area}");
+            }
+        }
     }
 }

@@ -336,7 +336,7 @@ pub enum Slot {
     Uvs(usize),
     /// Vertex colours of shape i, `[n][3]`.
     Colors(usize),
-    /// Texels of texture i, `[height][width][channels]`.
+    /// Texels of texture i, `[height][width][channels]`; of a mip map those of all levels, the finest first.
     Texels(TextureId),
     /// Position (point, spot, goniometric) or direction (directional) of delta light i, `[3]`.
     LightPlacement(usize),

@@ -142,16 +142,23 @@ impl Texture {
         Ok(Texture { width, height, channels, data, packed: None, wrap, filter })
     }
 
-    /// A bitmap in bytes, of 1 or 3 channels, to which the coarser levels of a mip map are added if it is to be one.
-    pub fn from_packed(packed: Arc<Packed>, wrap: Wrap, filter: Filter) -> Result<Texture, TextureError> {
+    /// A bitmap in bytes, of 1 or 3 channels, with its [`coarser_levels`] if it is to be a mip map, and nothing else.
+    pub fn from_packed(
+        packed: Arc<Packed>,
+        coarser: Vec<f32>,
+        wrap: Wrap,
+        filter: Filter,
+    ) -> Result<Texture, TextureError> {
         let Packed { width, height, channels, .. } = *packed;
         if channels != 1 && channels != 3 {
             return Err(TextureError::Channels(channels));
         }
-        let data = match filter {
-            Filter::Trilinear => pyramid(width, height, channels, packed.to_image().data).split_off(packed.len()),
-            Filter::Bilinear | Filter::Nearest => Vec::new(),
-        };
+        let levels = mip_sizes(width, height).skip(1).map(|[w, h]| w * h * channels).sum();
+        let expected = if filter == Filter::Trilinear { levels } else { 0 };
+        if coarser.len() != expected {
+            return Err(TextureError::Length { width, height, channels, expected, found: coarser.len() });
+        }
+        let data = coarser;
         Ok(Texture { width, height, channels, data, packed: Some(packed), wrap, filter })
     }
 
@@ -373,6 +380,11 @@ fn pyramid(width: usize, height: usize, channels: usize, mut data: Vec<f32>) -> 
     data
 }
 
+/// The coarser levels of the mip map of a bitmap in bytes, one after the other.
+pub fn coarser_levels(packed: &Packed) -> Vec<f32> {
+    pyramid(packed.width, packed.height, packed.channels, packed.to_image().data).split_off(packed.len())
+}
+
 /// The coordinate `t`, moved by whole periods or clamped: to [0, 1], and to [0, 2] where the second half is the mirrored bitmap.
 fn into_period(t: f32, wrap: Wrap) -> f32 {
     if !t.is_finite() {
@@ -549,7 +561,8 @@ mod tests {
             let texture = random_texture(channels, Wrap::Repeat, filter);
             let image = Image { width: 5, height: 4, channels, data: texture.data[..20 * channels].to_vec() };
             let packed = Arc::new(Packed::of(&image).unwrap());
-            let packed = Texture::from_packed(packed, Wrap::Repeat, filter).unwrap();
+            let coarser = if filter == Filter::Trilinear { coarser_levels(&packed) } else { Vec::new() };
+            let packed = Texture::from_packed(packed, coarser, Wrap::Repeat, filter).unwrap();
             assert_eq!((packed.len(), &*packed.unpacked()), (texture.len(), &texture));
             assert!(packed.colors().eq(texture.colors()));
             for _ in 0..50 {
@@ -559,7 +572,7 @@ mod tests {
             }
         }
         let two = Packed::of(&Image { width: 1, height: 1, channels: 2, data: vec![0.0; 2] }).unwrap();
-        assert!(Texture::from_packed(Arc::new(two), Wrap::Repeat, Filter::Nearest).is_err());
+        assert!(Texture::from_packed(Arc::new(two), Vec::new(), Wrap::Repeat, Filter::Nearest).is_err());
     }
 
     #[test]

@@ -57,7 +57,7 @@ impl Adjoints<'_> {
         e.rotation * d_local
     }
 
-    /// Adjoint of the profile of a goniometric light in the unit direction `dir` away from it; returns the adjoint of `dir`. Other lights
+    /// Adjoint of the profile of a goniometric or spot light in the unit direction `dir` away from it; returns the adjoint of `dir`. Other lights
     /// have nothing to pass it on to.
     pub fn light_profile(&mut self, light: u32, dir: Vec3, d: Vec3) -> Vec3 {
         let scene = self.scene;

@@ -94,7 +94,7 @@ impl Scene {
     }
 
     /// The light that arrives at `x`, without a visibility test; `None` if the light does not shine in that direction. The power of a
-    /// goniometric light becomes that in the direction of `x`.
+    /// light with a profile becomes that in the direction of `x`.
     #[inline]
     pub(crate) fn arrive(&self, light: &mut LightSample, x: Vec3) -> Option<Arrival> {
         let arrival = light.arrive(x)?;
