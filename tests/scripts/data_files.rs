@@ -129,7 +129,8 @@ fn photometric_files_shine() {
          expect seen(beam with { beam.direction: [0, -1, 0] }, 1) ≈ 0.5 / pi * 5 * (4 / 5) * 2 / 5 ^ 1.5 within 0.1%\n\
          expect seen(beam with { beam.rotation: rotation(angle: 0deg) }, 2) ≈ 0.5 / pi * 5 * 0.5 * 2 / 8 ^ 1.5 within 0.1%\n\
          expect seen(beam, -2) == 0\nexpect max(abs(beam.rotation @ [0, -1, 0] - normalize(beam.direction))) < 1e-12\n\
-         expect max(abs(aim([0, 3, 0]) @ [0, -1, 0] - [0, 1, 0])) < 1e-12\nexpect max(abs(aim([1, 2, 3]) @ [0, -1, 0] - normalize([1, 2, 3]))) < 1e-12\n",
+         expect max(abs(aim([0, 3, 0]) @ [0, -1, 0] - [0, 1, 0])) < 1e-12\n\
+         expect max(abs(aim([5e-4, 1, 3e-4]) @ [0, -1, 0] - normalize([5e-4, 1, 3e-4]))) < 1e-12\nexpect max(abs(aim([1, 2, 3]) @ [0, -1, 0] - normalize([1, 2, 3]))) < 1e-12\n",
     );
     fs::write(folder.path().join("cut.ies"), "TILT=NONE\n1 1000 1 2\n").unwrap();
     let point = |file: &str| format!("print point(position: [0, 1, 0], profile: \"{file}\")\n");

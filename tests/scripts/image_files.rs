@@ -387,11 +387,12 @@ fn textures_of_files_take_a_byte_a_number() {
         )
     };
     // 50 MB are those of the picture as it is read.
-    for (of, code) in [("paint", 0), ("0.9 * paint", 1)] {
+    for (of, code) in [("paint", 0), ("texture(0.9 * paint.texels)", 1)] {
         fs::write(folder.path().join("s.dscene"), script(of)).unwrap();
         let memory = ["run", "s.dscene", "--memory", "170MB", "--out", "o", "--force"];
         let (found, text) = dsl(folder.path(), &memory);
         assert_eq!(found, code, "{of}: {text}");
+        assert_eq!(text.contains("dscene::run::memory"), code == 1, "{of}: {text}");
     }
 }
 

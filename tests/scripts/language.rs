@@ -332,6 +332,7 @@ fn errors_point_at_the_argument() {
     for (text, at, code) in [
         ("sqrt(n)", "n", "dscene::run::value"),
         ("n ^ 0.5", "n ^ 0.5", "dscene::run::value"),
+        ("pow(n, 0.5)", "n", "dscene::run::value"),
         ("[(x * n) ^ (1 / 3) for x in 0..4]", "(x * n) ^ (1 / 3)", "dscene::run::value"),
         ("max(image([[1, n]]) ^ 2.2)", "image([[1, n]]) ^ 2.2", "dscene::run::value"),
         ("[1, 2, 3][p.x + 7]", "p.x + 7", "dscene::run::index"),
