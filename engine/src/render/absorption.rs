@@ -70,7 +70,7 @@ impl Scene {
         for body in self.bodies.iter().filter(|body| Some(body.shape) != own && body.may_hold(p)) {
             let dir = (body.point - p).normalize_or_zero();
             let ray = Ray { origin: p, dir, t_min: offset(p), t_max: f32::INFINITY };
-            let hit = self.walk(&ray, &[], |hit| self.prims[hit.prim as usize].shape == body.shape);
+            let hit = self.walk(&ray, &[], &mut |hit| self.prims[hit.prim as usize].shape == body.shape);
             if hit.is_some_and(|hit| self.facets[hit.prim as usize].normal.dot(dir) > 0.0) {
                 inside.enter(body.shape);
             }

@@ -138,7 +138,7 @@ impl Scene {
         mut cross: impl FnMut(MaskCrossing),
     ) -> (Option<Hit>, MaskWeight) {
         let mut through = MaskWeight::CLEAR;
-        let hit = self.walk(ray, skip, |hit| {
+        let hit = self.walk(ray, skip, &mut |hit| {
             let Some(opacity) = self.opacity(hit.prim, hit.b) else { return true };
             let p = sampling.probability(opacity);
             if p >= 1.0 || (p > 0.0 && sampler.next_1d() < p) {
@@ -185,7 +185,7 @@ impl Scene {
         // Behind a single opaque mask the transmittance is zero but has a derivative in the opacity; behind two it has none.
         let allowed = u32::from(sampling == MaskSampling::BothSides);
         let (mut pass, mut opaque) = (1.0, 0);
-        let end = self.walk(ray, skip, |hit| {
+        let end = self.walk(ray, skip, &mut |hit| {
             let Some(opacity) = self.opacity(hit.prim, hit.b) else { return true };
             opaque += u32::from(opacity >= 1.0);
             pass *= 1.0 - opacity;
@@ -215,7 +215,7 @@ impl Scene {
     ) -> Option<(SurfaceInteraction, f32, f32)> {
         let mut through = 1.0;
         let mut found = None;
-        self.walk(ray, skip, |hit| {
+        self.walk(ray, skip, &mut |hit| {
             let opacity = self.opacity(hit.prim, hit.b);
             let si = self.interaction(hit.prim, hit.b, -ray.dir);
             if wanted(&si) {
@@ -228,8 +228,9 @@ impl Scene {
         found.filter(|f| f.2 > 0.0)
     }
 
-    /// The first hit along a ray that `is_end` accepts. It is called for the hits in order of their distance.
-    pub(super) fn walk(&self, ray: &Ray, skip: &[PrimId], mut is_end: impl FnMut(&Hit) -> bool) -> Option<Hit> {
+    /// The first hit along a ray that `is_end` accepts. It is called for the hits in order of their distance. (By a reference, so that the
+    /// walk is compiled once and not for each of twenty callers.)
+    pub(super) fn walk(&self, ray: &Ray, skip: &[PrimId], is_end: &mut dyn FnMut(&Hit) -> bool) -> Option<Hit> {
         let first = self.accel.closest(ray, skip)?;
         if is_end(&first) {
             return Some(first);

@@ -83,9 +83,8 @@ pub(super) fn parse<'a>(bytes: &'a [u8], notes: &mut Notes) -> Result<File<'a>, 
 fn leave_out_unknown_attributes(root: &mut json::Root, text: &[u8], notes: &mut Notes) {
     let mut some = false;
     for primitive in root.meshes.iter_mut().flat_map(|m| &mut m.primitives) {
-        let before = primitive.attributes.len();
-        primitive.attributes.retain(|semantic, _| matches!(semantic, Checked::Valid(_)));
-        some |= primitive.attributes.len() < before;
+        // The crate reads all of them to one key.
+        some |= primitive.attributes.remove(&Checked::Invalid).is_some();
     }
     let Some(value) = some.then(|| json::deserialize::from_slice::<json::Value>(without_mark(text)).ok()).flatten()
     else {

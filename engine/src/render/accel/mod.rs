@@ -18,9 +18,7 @@ mod tests;
 
 use glam::Vec3;
 
-use portable::Portable;
 pub use traverse::RootHits;
-use traverse::traverse;
 use tree::Tree;
 
 /// Index of a triangle over all shapes of a scene.
@@ -80,7 +78,7 @@ pub struct Accel {
     cost: f64,
 }
 
-/// A loop that makes many ray queries. It is compiled once for each set of instructions, so that queries are inlined into it.
+/// A loop that makes many ray queries. It is compiled once for each set of instructions, so that AVX2's queries are inlined into it.
 pub trait Kernel {
     /// Mark this and the functions that it calls `#[inline(always)]`: only inlined code is compiled with those instructions.
     fn run(self);
@@ -159,7 +157,7 @@ impl Accel {
         match self.instructions {
             #[cfg(target_arch = "x86_64")]
             Instructions::Avx2(avx2) => avx2.intersect_root(&self.tree, ray),
-            Instructions::Portable => traverse::intersect_root::<Portable>(&self.tree, ray),
+            Instructions::Portable => portable::intersect_root(&self.tree, ray),
         }
     }
 
@@ -173,7 +171,7 @@ impl Accel {
         match self.instructions {
             #[cfg(target_arch = "x86_64")]
             Instructions::Avx2(avx2) => avx2.closest(&self.tree, ray, root, skip),
-            Instructions::Portable => traverse::<Portable, false>(&self.tree, ray, root, skip),
+            Instructions::Portable => portable::closest(&self.tree, ray, root, skip),
         }
     }
 
@@ -195,7 +193,7 @@ impl Accel {
         match self.instructions {
             #[cfg(target_arch = "x86_64")]
             Instructions::Avx2(avx2) => avx2.any(&self.tree, ray, root, skip),
-            Instructions::Portable => traverse::<Portable, true>(&self.tree, ray, root, skip).prim != NO_PRIM,
+            Instructions::Portable => portable::any(&self.tree, ray, root, skip),
         }
     }
 }

@@ -3,12 +3,29 @@
 use std::array::from_fn;
 use std::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 
-use super::PrimId;
-use super::traverse::{Lanes, Mask};
-use super::tree::WIDTH;
+use super::traverse::{self, Lanes, Mask, RootHits, traverse};
+use super::tree::{Tree, WIDTH};
+use super::{Hit, NO_PRIM, PrimId, Ray};
+
+// These are not inlined: within every caller they would be compiled, for minutes, beside the queries that most processors use.
+
+#[inline(never)]
+pub fn intersect_root(tree: &Tree, ray: &Ray) -> RootHits {
+    traverse::intersect_root::<Portable>(tree, ray)
+}
+
+#[inline(never)]
+pub fn closest(tree: &Tree, ray: &Ray, root: Option<&RootHits>, skip: &[PrimId]) -> Hit {
+    traverse::<Portable, false>(tree, ray, root, skip)
+}
+
+#[inline(never)]
+pub fn any(tree: &Tree, ray: &Ray, root: Option<&RootHits>, skip: &[PrimId]) -> bool {
+    traverse::<Portable, true>(tree, ray, root, skip).prim != NO_PRIM
+}
 
 #[derive(Clone, Copy)]
-pub struct Portable([f32; WIDTH]);
+struct Portable([f32; WIDTH]);
 
 impl Portable {
     #[inline(always)]
@@ -23,7 +40,7 @@ impl Portable {
 }
 
 #[derive(Clone, Copy)]
-pub struct Flags([bool; WIDTH]);
+struct Flags([bool; WIDTH]);
 
 impl Flags {
     #[inline(always)]
