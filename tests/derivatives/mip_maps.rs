@@ -34,8 +34,8 @@ enum Kind {
     Ball,
 }
 
-/// A scene whose texels are smaller than pixels; `turn` is that of the texture coordinates, `near` moves the camera.
-fn scene(kind: Kind, filter: Filter, step: f32, turn: f32, near: f32) -> (SceneDescription, Camera) {
+/// A scene whose texels are smaller than pixels; `turn` is that of the texture coordinates.
+fn scene(kind: Kind, filter: Filter, step: f32, turn: f32) -> (SceneDescription, Camera) {
     let mut b = Builder::default();
     let reflectance = b.constant(vec3(0.8, 0.6, 0.7));
     let made: Material = match kind {
@@ -72,12 +72,12 @@ fn scene(kind: Kind, filter: Filter, step: f32, turn: f32, near: f32) -> (SceneD
         b.add(wall, MaterialKind::Mirror { reflectance });
     }
     b.lamp(ceiling(vec3(0.3, 2.0, 0.5), 0.5), Vec3::splat(6.0));
-    (b.description, look_at(vec3(0.0, 1.4, -2.5) * (1.0 - near), vec3(0.0, 0.1, 0.0), 40.0, 12))
+    (b.description, look_at(vec3(0.0, 1.4, -2.5), vec3(0.0, 0.1, 0.0), 40.0, 12))
 }
 
 /// A floor of random texels that fills the film, `tiles` times 1.6 texels along a pixel.
 pub fn random_floor(filter: Filter, tiles: f32) -> (SceneDescription, Camera) {
-    let (mut description, _) = scene(Kind::Floor, filter, 0.0, 0.0, 0.0);
+    let (mut description, _) = scene(Kind::Floor, filter, 0.0, 0.0);
     description.shapes[0].mesh.uvs.iter_mut().flatten().for_each(|uv| *uv *= tiles);
     description.shapes.truncate(1);
     (description, look_at(vec3(0.0, 4.0, 0.0), Vec3::ZERO, 26.0, 12))
@@ -89,7 +89,7 @@ const PLAN: fn() -> Plan = || Plan { h: 0.04, spp: 64, fd_spp: 1024, max_bounces
 #[test]
 fn texels_against_differences() {
     let row = |name: &str, kind: Kind, plan: &Plan| {
-        let build = |t: f32| scene(kind, Filter::Trilinear, 0.1 + t, 0.3, 0.0);
+        let build = |t: f32| scene(kind, Filter::Trilinear, 0.1 + t, 0.3);
         agree(&format!("mip map: texels of a {name}"), &build, plan);
     };
     row("floor", Kind::Floor, &PLAN());
@@ -105,7 +105,7 @@ fn texels_against_differences() {
 #[test]
 fn turned_coordinates_against_differences() {
     for (name, kind) in [("floor", Kind::Floor), ("lamp", Kind::Lamp)] {
-        let build = |t: f32| scene(kind, Filter::Trilinear, 0.3, 0.3 + t, 0.0);
+        let build = |t: f32| scene(kind, Filter::Trilinear, 0.3, 0.3 + t);
         agree(&format!("mip map: {name}, coordinates turned"), &build, &Plan { h: 0.004, ..PLAN() });
     }
 }
