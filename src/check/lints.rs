@@ -12,7 +12,7 @@ use crate::source::{SourceId, SourceMap, Span};
 use crate::syntax;
 
 /// Codes of the warnings that a script may allow. A name for `allow` is the last word of a code.
-pub const LINTS: [&str; 18] = [
+pub const LINTS: [&str; 19] = [
     "dscene::flow::unused_param",
     "dscene::flow::constant_loss",
     "dscene::flow::left_behind",
@@ -26,6 +26,7 @@ pub const LINTS: [&str; 18] = [
     "dscene::lint::noisy_target",
     "dscene::lint::clipped_target",
     "dscene::lint::missing_field",
+    "dscene::lint::missing_unit",
     NO_BOUNDARY,
     FACING_AWAY,
     OPEN_BODY,

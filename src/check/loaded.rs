@@ -1,4 +1,5 @@
-//! The lint about fields that a file of data does not have, as far as the file can be read before the program runs.
+//! The lints about what is read from a file of data, as far as the file can be read before the program runs: fields that it does not have, and
+//! its numbers, which have no unit, where angles are expected.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -22,7 +23,7 @@ const MOST: usize = 4096;
 /// How deeply declarations are followed.
 const DEPTH: usize = 32;
 
-/// Warnings about fields of `load_json` and `load_table` in these expressions.
+/// Warnings about what `load_json` and `load_table` give to these expressions.
 pub fn check(program: &Program, roots: &[&Expr], loader: &dyn Loader) -> Vec<Diagnostic> {
     let mut reader = Reader { program, loader, files: HashMap::new(), told: Vec::new() };
     roots.iter().for_each(|root| reader.look(root, &Names::new()));
@@ -97,7 +98,7 @@ impl File {
 }
 
 impl Reader<'_> {
-    /// Looks at all fields in an expression.
+    /// Looks at all fields and angles in an expression.
     fn look(&mut self, e: &Expr, names: &Names) {
         match &e.kind {
             ExprKind::Field { base, name } => {
@@ -121,7 +122,10 @@ impl Reader<'_> {
                 inner.extend(self.part(value, names, DEPTH).map(|part| (*local, part)));
                 self.look(body, &inner);
             }
-            _ => below(e).into_iter().for_each(|child| self.look(child, names)),
+            _ => {
+                angles(self.program, e).into_iter().for_each(|angle| self.ask_for_unit(angle, names));
+                below(e).into_iter().for_each(|child| self.look(child, names));
+            }
         }
     }
 
@@ -187,7 +191,7 @@ impl Reader<'_> {
         }
     }
 
-    /// What a file holds; of a table its columns' names.
+    /// What a file holds; a table is a record of its columns.
     fn read(&self, name: &str, is_json: bool) -> Option<Json> {
         let main = self.program.origin.main?;
         let folder = self.program.sources.get(main)?.path.as_deref().and_then(Path::parent).unwrap_or(Path::new(""));
@@ -202,8 +206,33 @@ impl Reader<'_> {
         match table::decode(text.as_bytes()).ok()? {
             table::Table::Rows(_) => None,
             table::Table::Columns(columns) => {
-                Some(Json::Object(columns.into_iter().map(|(name, _)| (name, Json::Null)).collect()))
+                let content = |column| match column {
+                    table::Column::Numbers(numbers) => Json::from(numbers),
+                    table::Column::Words(words) => Json::from(words),
+                };
+                Some(Json::Object(columns.into_iter().map(|(name, column)| (name, content(column))).collect()))
             }
+        }
+    }
+
+    /// Tells of numbers of a file that count as radians where an angle is expected.
+    fn ask_for_unit(&mut self, e: &Expr, names: &Names) {
+        let Some(part) = self.part(e, names, DEPTH).filter(|part| part.values().all(are_numbers)) else { return };
+        let name = &part.file.name;
+        let text = self.program.sources.text(e.span);
+        let message = format!("numbers of `{name}` have no unit: where an angle is expected they are radians");
+        self.tell(
+            Diagnostic::warning("dscene::lint::missing_unit", message)
+                .label(e.span, "radians")
+                .label(part.file.place, "read from this file")
+                .help(format!("say what they are: `{text} * 1deg`, or `{text} * 1rad`")),
+        );
+    }
+
+    /// Each place is told of once.
+    fn tell(&mut self, warning: Diagnostic) {
+        if !self.told.iter().any(|told| told.span() == warning.span()) {
+            self.told.push(warning);
         }
     }
 
@@ -220,16 +249,46 @@ impl Reader<'_> {
         let length = u32::try_from(name.len()).unwrap_or(0);
         let own = Span { start: e.span.end.saturating_sub(length), ..e.span };
         let place = if self.program.sources.text(own) == name { own } else { e.span };
-        if self.told.iter().any(|told| told.span() == Some(place)) {
-            return;
-        }
         let file = &part.file;
         let what = if file.name.to_lowercase().ends_with(".json") { "has no field" } else { "has no column" };
-        self.told.push(
+        self.tell(
             Diagnostic::warning("dscene::lint::missing_field", format!("`{}` {what} `{name}` here", file.name))
                 .label(place, "not in the file")
                 .label(file.place, "read from this file")
                 .help_opt(did_you_mean(name, "it has", known)),
         );
+    }
+}
+
+/// The operands of an expression that must be angles.
+fn angles<'p>(program: &'p Program, e: &'p Expr) -> Vec<&'p Expr> {
+    use BinaryOp::*;
+    match &e.kind {
+        ExprKind::Call(call) => {
+            let Callee::Native(id) = call.callee else { return Vec::new() };
+            let DeclKind::Native(native) = &program.decl(id).kind else { return Vec::new() };
+            let takes_angle = |param: &NativeParam| {
+                let mut kinds = param.ty.split('|').map(str::trim);
+                param.ty.contains("angle") && kinds.all(|kind| kind.starts_with("angle") || kind == "rotation")
+            };
+            let takers = native.params.iter().zip(&call.args).filter(|(param, _)| takes_angle(param));
+            takers.filter_map(|(_, arg)| arg.as_ref()).collect()
+        }
+        ExprKind::Binary { op: Add | Sub | Eq | Ne | Lt | Le | Gt | Ge, left, right } => {
+            match (left.ty.is_angle(), right.ty.is_angle()) {
+                (true, false) => vec![right],
+                (false, true) => vec![left],
+                _ => Vec::new(),
+            }
+        }
+        _ => Vec::new(),
+    }
+}
+
+fn are_numbers(value: &Json) -> bool {
+    match value {
+        Json::Number(_) => true,
+        Json::Array(items) => !items.is_empty() && items.iter().all(are_numbers),
+        _ => false,
     }
 }

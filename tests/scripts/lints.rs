@@ -226,6 +226,39 @@ fn fields_are_looked_for_in_files_that_are_there() {
     assert_eq!(found("print d.sizes // allow(missing_field): written by the scanner"), [""; 0]);
 }
 
+#[test]
+fn numbers_of_files_want_units_where_angles_are_expected() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
+    write("a.json", r#"{"tilt": 30, "all": [10, 20], "name": "b", "views": [{"turn": 1}, {"turn": 2}]}"#);
+    write("t.csv", "turn,name\n40,a\n50,b\n");
+    let found = |script: &str| {
+        let path = folder.path().join("s.dscene");
+        let text = format!("let d = load_json(\"a.json\")\nlet t = load_table(\"t.csv\")\n{script}\n");
+        let checked = check_text("s.dscene", Some(&path), text, &[], &Disk);
+        let one = |d: &dscene::diag::Diagnostic| {
+            assert_eq!(d.code, "dscene::lint::missing_unit", "{d:?}");
+            checked.sources.text(d.span().unwrap()).to_owned()
+        };
+        checked.diagnostics.iter().map(one).collect::<Vec<String>>()
+    };
+    assert_eq!(
+        found("print rotation(axis: [0, 1, 0], angle: d.tilt), cos(d.all), euler(y: t.turn[0])"),
+        ["d.tilt", "d.all", "t.turn[0]"]
+    );
+    assert_eq!(
+        found("print [euler(x: v.turn) for v in d.views], 20deg + d.tilt, d.tilt < 1rad"),
+        ["v.turn", "d.tilt", "d.tilt"]
+    );
+    assert_eq!(found("let lean = d.tilt\nprint sin(lean)"), ["lean"]);
+    // What has a unit, what is no angle, and what is no number is not told of.
+    assert_eq!(
+        found("print cos(d.tilt * 1deg), d.tilt + 1, sqrt(d.tilt), mod(d.tilt, 7), 30deg * d.tilt, d.name"),
+        [""; 0]
+    );
+    assert_eq!(found("print cos(d.tilt) // allow(missing_unit)"), [""; 0]);
+}
+
 /// What a run of a script warns of.
 fn run_warnings(script: &str) -> Vec<String> {
     let program = check_text("test.dscene", None, script, &[], &Disk).program.expect("a program");

@@ -40,4 +40,16 @@ print data.camera_angel_x, [f.transform_matrx for f in data.frames], data.frames
             ("dscene::lint::missing_field", "transform_matrx", "did you mean `transform_matrix`?"),
         ],
     },
+    Case {
+        name: "angles_of_a_file",
+        prelude: "",
+        script: "\
+let data = load_json(\"docs/book/scripts/cookbook/transforms.json\")
+camera eye { fov_x: data.camera_angle_x, film: [8, 8] }
+print data.camera_angle_x < 90deg, cos(data.camera_angle_x * 1rad)",
+        wanted: &[
+            ("dscene::lint::missing_unit", "data.camera_angle_x", "`data.camera_angle_x * 1rad`"),
+            ("dscene::lint::missing_unit", "data.camera_angle_x", "`data.camera_angle_x * 1deg`"),
+        ],
+    },
 ];
