@@ -8,19 +8,19 @@ use super::tree::{Tree, WIDTH};
 use super::{Hit, NO_PRIM, PrimId, Ray};
 
 // These are not inlined: each of their many callers would compile them anew beside the queries that most processors use, which with the walk
-// through masks (`Scene::walk`) was a fifth of the engine's build.
+// through masks (`Scene::walk`) was a fifth of the engine's build. Where there are no others, they may be.
 
-#[inline(never)]
+#[cfg_attr(target_arch = "x86_64", inline(never))]
 pub fn intersect_root(tree: &Tree, ray: &Ray) -> RootHits {
     traverse::intersect_root::<Portable>(tree, ray)
 }
 
-#[inline(never)]
+#[cfg_attr(target_arch = "x86_64", inline(never))]
 pub fn closest(tree: &Tree, ray: &Ray, root: Option<&RootHits>, skip: &[PrimId]) -> Hit {
     traverse::<Portable, false>(tree, ray, root, skip)
 }
 
-#[inline(never)]
+#[cfg_attr(target_arch = "x86_64", inline(never))]
 pub fn any(tree: &Tree, ray: &Ray, root: Option<&RootHits>, skip: &[PrimId]) -> bool {
     traverse::<Portable, true>(tree, ray, root, skip).prim != NO_PRIM
 }
