@@ -198,23 +198,26 @@ fn targets_need_more_samples_than_what_is_to_match_them() {
     assert_eq!(noisy("render(eye, spp: 1)", "mse(render(eye, spp: 8), target)", ""), 0);
 }
 
-#[test]
-fn fields_are_looked_for_in_files_that_are_there() {
+/// What a lint, and nothing else, marks in a script beside `a.json` (`d`) and `t.csv` (`t`).
+fn marked_beside(json: &str, table: &str, lint: &str, script: &str) -> Vec<String> {
     let folder = tempfile::tempdir().unwrap();
     let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
-    write("a.json", r#"{"views": [{"fov": 30, "at": [0, 1]}, {"fov": 40, "name": "b"}], "size": {"w": 3}}"#);
-    write("t.csv", "wave length,n\n400,1.5\n");
+    write("a.json", json);
+    write("t.csv", table);
     write("broken.json", "{\"a\": ");
-    let found = |script: &str| {
-        let path = folder.path().join("s.dscene");
-        let text = format!("let d = load_json(\"a.json\")\nlet t = load_table(\"t.csv\")\n{script}\n");
-        let checked = check_text("s.dscene", Some(&path), text, &[], &Disk);
-        let one = |d: &dscene::diag::Diagnostic| {
-            assert_eq!(d.code, "dscene::lint::missing_field", "{d:?}");
-            checked.sources.text(d.span().unwrap()).to_owned()
-        };
-        checked.diagnostics.iter().map(one).collect::<Vec<String>>()
+    let text = format!("let d = load_json(\"a.json\")\nlet t = load_table(\"t.csv\")\n{script}\n");
+    let checked = check_text("s.dscene", Some(&folder.path().join("s.dscene")), text, &[], &Disk);
+    let one = |d: &dscene::diag::Diagnostic| {
+        assert_eq!(d.code, format!("dscene::lint::{lint}"), "{d:?}");
+        checked.sources.text(d.span().unwrap()).to_owned()
     };
+    checked.diagnostics.iter().map(one).collect()
+}
+
+#[test]
+fn fields_are_looked_for_in_files_that_are_there() {
+    let views = r#"{"views": [{"fov": 30, "at": [0, 1]}, {"fov": 40, "name": "b"}], "size": {"w": 3}}"#;
+    let found = |script: &str| marked_beside(views, "wave length,n\n400,1.5\n", "missing_field", script);
     assert_eq!(
         found("print d.size.h, d.sizes, d.views[0].name, d.views[-1].name, d.views[1].at"),
         ["h", "sizes", "name", "at"]
@@ -228,20 +231,8 @@ fn fields_are_looked_for_in_files_that_are_there() {
 
 #[test]
 fn numbers_of_files_want_units_where_angles_are_expected() {
-    let folder = tempfile::tempdir().unwrap();
-    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
-    write("a.json", r#"{"tilt": 30, "all": [10, 20], "name": "b", "views": [{"turn": 1}, {"turn": 2}]}"#);
-    write("t.csv", "turn,name\n40,a\n50,b\n");
-    let found = |script: &str| {
-        let path = folder.path().join("s.dscene");
-        let text = format!("let d = load_json(\"a.json\")\nlet t = load_table(\"t.csv\")\n{script}\n");
-        let checked = check_text("s.dscene", Some(&path), text, &[], &Disk);
-        let one = |d: &dscene::diag::Diagnostic| {
-            assert_eq!(d.code, "dscene::lint::missing_unit", "{d:?}");
-            checked.sources.text(d.span().unwrap()).to_owned()
-        };
-        checked.diagnostics.iter().map(one).collect::<Vec<String>>()
-    };
+    let turns = r#"{"tilt": 30, "all": [10, 20], "name": "b", "views": [{"turn": 1}, {"turn": 2}]}"#;
+    let found = |script: &str| marked_beside(turns, "turn,name\n40,a\n50,b\n", "missing_unit", script);
     assert_eq!(
         found("print rotation(axis: [0, 1, 0], angle: d.tilt), cos(d.all), euler(y: t.turn[0])"),
         ["d.tilt", "d.all", "t.turn[0]"]
