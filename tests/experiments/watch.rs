@@ -480,6 +480,7 @@ fn a_run_that_the_page_stops_goes_on_later() {
     events.until("optimization", |_| true);
     server.order(json!({"do": "stop"}));
     events.phase("stopped");
+    drop(events);
     assert_eq!(server.child.wait().unwrap().code(), Some(130));
     let mut rest = String::new();
     server.out.read_to_string(&mut rest).unwrap();
@@ -642,6 +643,7 @@ fn the_repl_takes_up_what_its_page_has_moved() {
     events.until("picture", |picture| picture["width"] == 16);
     server.order(json!({ "do": "set", "name": "glow", "values": [0.75] }));
     events.until("params", |params| params.to_string().contains("0.75"));
+    drop(events);
     assert!(send(&server.child, "-INT"));
     writeln!(to, "glow / 2\n:undo\nglow / 2").unwrap();
     assert_eq!([answer(&mut server.out), answer(&mut server.out)], ["0.375   : scalar", "0.25   : scalar"]);

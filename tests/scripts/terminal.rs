@@ -141,7 +141,7 @@ fn long_work_shows_how_far_it_has_come() {
     derived.until(" %");
     drop(derived);
     // Nobody looks at what is quiet.
-    let arguments = ["eval", "t.dscene", "mean(render(eye, spp: 400))", "--quiet"];
+    let arguments = ["eval", "t.dscene", "mean(render(eye, spp: 150))", "--quiet"];
     let mut quiet = Session::of(&place, &arguments, "blocks");
     assert!(quiet.child.wait().unwrap().success());
     let seen = String::from_utf8_lossy(&quiet.seen.lock().unwrap()).into_owned();
