@@ -314,7 +314,7 @@ impl Checker<'_> {
             let params = params
                 .map(|(p, s)| hir::NativeParam {
                     name: s.name.clone(),
-                    ty: s.sig.to_string(),
+                    takes: s.sig.clone(),
                     domain: s.domain,
                     optional: p.default.is_some(),
                 })
@@ -349,7 +349,8 @@ impl Checker<'_> {
             });
             let local = self.new_local(&param.name.text, declared.sig.ty(), None);
             let spread = matches!(declared.sig, Sig::Color).then(|| vec![3]);
-            params.push(hir::FnParam { name: param.name.text.clone(), local, span: param.name.span, spread, default });
+            let (name, takes) = (param.name.text.clone(), declared.sig.clone());
+            params.push(hir::FnParam { name, local, span: param.name.span, takes, spread, default });
         }
         let mut typed = self.expr(body, signature.result.as_ref());
         let mut result_ty = typed.expr.ty.clone();

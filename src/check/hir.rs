@@ -3,6 +3,7 @@
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
+use super::signature::Sig;
 use super::types::Ty;
 use crate::source::{SourceMap, Span};
 
@@ -195,6 +196,8 @@ pub struct FnParam {
     pub name: String,
     pub local: LocalId,
     pub span: Span,
+    /// As declared, or anything.
+    pub takes: Sig,
     /// The shape to which a number is spread, such as three channels for a `color`.
     pub spread: Option<Vec<usize>>,
     /// Evaluated in the callee's environment (earlier parameters are visible) when the argument is missing.
@@ -212,7 +215,7 @@ pub struct NativeDecl {
 pub struct NativeParam {
     pub name: String,
     /// As declared: `color | texture`.
-    pub ty: String,
+    pub takes: Sig,
     /// As declared: `in 0..1`.
     pub domain: Option<Domain>,
     /// May be left out; the argument is then [`Call::args`]' `None` (declared `= none`) or the default's expression.

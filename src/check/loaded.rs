@@ -10,6 +10,7 @@ use serde_json::Value as Json;
 use super::Loader;
 use super::flow::below;
 use super::hir::*;
+use super::signature::Sig;
 use super::targets::native_call;
 use crate::data::table;
 use crate::diag::{Diagnostic, did_you_mean};
@@ -27,6 +28,10 @@ const DEPTH: usize = 32;
 pub fn check(program: &Program, roots: &[&Expr], loader: &dyn Loader) -> Vec<Diagnostic> {
     let mut reader = Reader { program, loader, files: HashMap::new(), told: Vec::new() };
     roots.iter().for_each(|root| reader.look(root, &Names::new()));
+    // `param tilt: angle = data.tilt`
+    for decl in program.ids().map(|id| program.decl(id)).filter(|decl| decl.user && decl.ty.is_angle()) {
+        decl.body.iter().for_each(|body| reader.ask_for_unit(body, &Names::new()));
+    }
     reader.told
 }
 
@@ -151,7 +156,9 @@ impl Reader<'_> {
             ExprKind::Decl(id) => {
                 let program = self.program;
                 let decl = program.decl(*id);
-                let body = decl.body.as_deref().filter(|_| matches!(decl.kind, DeclKind::Let))?;
+                // What is declared as an angle is one, and was told of there.
+                let passed_on = matches!(decl.kind, DeclKind::Let) && !decl.ty.is_angle();
+                let body = decl.body.as_deref().filter(|_| passed_on)?;
                 self.part(body, &Names::new(), depth)
             }
             ExprKind::Field { base, name } => self.part(base, names, depth)?.field(name),
@@ -265,14 +272,18 @@ fn angles<'p>(program: &'p Program, e: &'p Expr) -> Vec<&'p Expr> {
     use BinaryOp::*;
     match &e.kind {
         ExprKind::Call(call) => {
-            let Callee::Native(id) = call.callee else { return Vec::new() };
-            let DeclKind::Native(native) = &program.decl(id).kind else { return Vec::new() };
-            let takes_angle = |param: &NativeParam| {
-                let mut kinds = param.ty.split('|').map(str::trim);
-                param.ty.contains("angle") && kinds.all(|kind| kind.starts_with("angle") || kind == "rotation")
+            let (Callee::Native(id) | Callee::Decl(id)) = call.callee else { return Vec::new() };
+            let takes: Vec<&Sig> = match &program.decl(id).kind {
+                DeclKind::Native(native) => native.params.iter().map(|param| &param.takes).collect(),
+                DeclKind::Fn(function) => function.params.iter().map(|param| &param.takes).collect(),
+                _ => Vec::new(),
             };
-            let takers = native.params.iter().zip(&call.args).filter(|(param, _)| takes_angle(param));
-            takers.filter_map(|(_, arg)| arg.as_ref()).collect()
+            takes
+                .iter()
+                .zip(&call.args)
+                .filter(|(takes, _)| takes.wants_angles())
+                .filter_map(|(_, arg)| arg.as_ref())
+                .collect()
         }
         ExprKind::Binary { op: Add | Sub | Eq | Ne | Lt | Le | Gt | Ge, left, right } => {
             match (left.ty.is_angle(), right.ty.is_angle()) {

@@ -180,6 +180,26 @@ impl Sig {
         }
     }
 
+    /// What it may be, each by itself.
+    fn choices(&self) -> &[Sig] {
+        match self {
+            Sig::Union(choices) => choices,
+            one => std::slice::from_ref(one),
+        }
+    }
+
+    /// Whether it takes values of this type by its name, not only as one of many.
+    pub fn names(&self, ty: &Ty) -> bool {
+        self.choices().iter().any(|choice| matches!(choice, Sig::Is(named) if named == ty))
+    }
+
+    /// Whether angles are meant, so that a number without a unit counts as radians.
+    pub fn wants_angles(&self) -> bool {
+        let is_angle = |choice: &Sig| matches!(choice, Sig::Angles) || choice.ty().is_angle();
+        let choices = self.choices();
+        choices.iter().any(is_angle) && choices.iter().all(|c| is_angle(c) || *c == Sig::Is(Ty::Rotation))
+    }
+
     /// The words that the parameter accepts.
     pub fn words(&self) -> Vec<&str> {
         match self {

@@ -8,6 +8,7 @@ use super::reach::{Reach, mentioned};
 use super::warnings::Warnings;
 use super::{Engine, RenderOverrides};
 use crate::check::hir::{DeclId, DeclKind, Program};
+use crate::check::types::Ty;
 use crate::natives::value::Value;
 
 impl Engine {
@@ -73,8 +74,8 @@ fn same_declarations(old: &Program, new: &Program, files_have_changed: bool) -> 
     let alike = |a: DeclId, b: DeclId| {
         let (before, now) = (old.decl(a), new.decl(b));
         // Natives that read files are told which by a string.
-        let is_string = |ty: &str| ty.split('|').any(|choice| choice.trim() == "string");
-        let reads = matches!(&now.kind, DeclKind::Native(native) if native.params.iter().any(|p| is_string(&p.ty)));
+        let reads =
+            matches!(&now.kind, DeclKind::Native(native) if native.params.iter().any(|p| p.takes.names(&Ty::Str)));
         std::mem::discriminant(&before.kind) == std::mem::discriminant(&now.kind)
             && before.ty == now.ty
             && old.sources.text(before.span) == new.sources.text(now.span)

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::check::children;
 use crate::check::hir::{Callee, DeclKind, Expr, ExprKind};
+use crate::check::types::Ty;
 use crate::natives::value::Value;
 use crate::source::Span;
 
@@ -68,15 +69,17 @@ impl Engine {
         })
     }
 
-    /// The file that a call loads.
+    /// The file that a call loads: the first text among what natives take.
     fn file_of(&mut self, e: &Expr) -> Option<String> {
         let ExprKind::Call(call) = &e.kind else { return None };
         let Callee::Native(id) = call.callee else { return None };
-        let loads = ["load_image", "texture", "environment"].contains(&self.program.decl(id).name.as_str());
-        match self.expr(call.args.first().filter(|_| loads)?.as_ref()?) {
+        let program = self.shared();
+        let DeclKind::Native(native) = &program.decl(id).kind else { return None };
+        let texts = native.params.iter().zip(&call.args).filter(|(param, _)| param.takes.names(&Ty::Str));
+        texts.filter_map(|(_, arg)| arg.as_ref()).find_map(|arg| match self.expr(arg) {
             Ok(Value::Str(path)) => Some(path.to_string()),
             _ => None,
-        }
+        })
     }
 }
 

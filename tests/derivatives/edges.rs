@@ -285,6 +285,13 @@ fn what_is_too_large_or_not_a_number_is_said_where_it_is() {
     assert_code(&out, 1);
     has(&stderr(&out), &["pixel (1, 1) is NaN", "broken.exr", "5 steps in a row"]);
     assert!(!stderr(&out).contains("lower the rate"), "{}", stderr(&out));
+    // Numbers of any file.
+    place.write("make.dscene", "save [[1, 2], [3, 0 / 0]] to \"rows.npy\"\n");
+    assert_code(&place.dsl(&["run", "make.dscene", "--out", "o", "--force"]), 0);
+    place.write("use.dscene", "let rows = load_array(\"o/rows.npy\")\nexpect sum(rows) > 0\n");
+    let out = place.dsl(&["run", "use.dscene", "--out", "p", "--force"]);
+    assert_code(&out, 1);
+    has(&stderr(&out), &["is NaN", "in `o/rows.npy`"]);
 }
 
 #[test]

@@ -242,6 +242,8 @@ fn numbers_of_files_want_units_where_angles_are_expected() {
         ["v.turn", "d.tilt", "d.tilt"]
     );
     assert_eq!(found("let lean = d.tilt\nprint sin(lean)"), ["lean"]);
+    assert_eq!(found("param lean: angle = d.tilt\nlet turns: angle[2] = d.all\nprint sin(lean)"), ["d.tilt", "d.all"]);
+    assert_eq!(found("fn leaning(by: angle, times = 2) = sin(by * times)\nprint leaning(d.tilt, d.tilt)"), ["d.tilt"]);
     // What has a unit, what is no angle, and what is no number is not told of.
     assert_eq!(
         found("print cos(d.tilt * 1deg), d.tilt + 1, sqrt(d.tilt), mod(d.tilt, 7), 30deg * d.tilt, d.name"),
