@@ -313,10 +313,13 @@ impl Writer<'_> {
             MaterialKind::Cloth { diffuse, sheen, roughness } => {
                 colour(self, &mut out, diffuse);
                 let (sheen, roughness) = (self.look(sheen, true, name), self.look(roughness, false, name));
-                if sheen.image.is_some() || roughness.image.is_some() {
-                    self.tell("the means of its `sheen` and its `roughness` are written, and not the images", name);
-                }
-                out.sheen = Some(Sheen { color: sheen.mean(), roughness: sheen_alpha_of(roughness.mean().x).sqrt() });
+                let roughness = roughness.map(|r| sheen_alpha_of(r).sqrt());
+                out.sheen = Some(Sheen {
+                    color: sheen.constant,
+                    color_image: sheen.image,
+                    roughness: roughness.constant.x,
+                    roughness_image: roughness.image,
+                });
             }
             MaterialKind::Mirror { reflectance } => {
                 self.tell(&like, name);

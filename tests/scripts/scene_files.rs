@@ -1,6 +1,7 @@
 //! Scenes that a script saves for other programs, and what is told of what a file does not hold.
 
-use dscene::image::file::encode_bytes;
+use dscene::image::Image;
+use dscene::image::file::{encode_bytes, encode_png};
 use dscene::mesh::load::{Coat, Loaded, LoadedLightKind, Sheen, Wanted, load, load_cameras};
 use serde_json::json;
 
@@ -261,15 +262,21 @@ fn cloth_of_gltf() {
             "KHR_materials_sheen": sheen, "KHR_materials_specular": {"specularFactor": specular}}})
     };
     let red = json!({"sheenColorFactor": [0.9, 0.2, 0.1], "sheenRoughnessFactor": 0.5});
-    let mut woven = red.clone();
-    woven["sheenColorTexture"] = json!({"index": 0});
+    // The colours say how red the sheen is, alpha how rough.
+    let image = Image { width: 2, height: 1, channels: 4, data: vec![1.0, 0.0, 0.0, 0.2, 0.5, 1.0, 1.0, 0.8] };
+    place.write("woven.png", encode_png(&image).unwrap());
+    file.add("images", json!({"uri": "woven.png"}));
+    file.add("textures", json!({"source": 0}));
+    let mut woven = json!({"sheenColorFactor": [0.9, 0.2, 0.1], "sheenRoughnessFactor": 1});
+    (woven["sheenColorTexture"], woven["sheenRoughnessTexture"]) = (json!({"index": 0}), json!({"index": 0}));
     file.add("materials", cloth("felt", 0.0, 0.0, red.clone()));
     file.add("materials", cloth("satin", 0.0, 1.0, red.clone()));
     file.add("materials", cloth("woven", 0.0, 0.0, woven));
     file.add("materials", cloth("foil", 1.0, 1.0, red));
     file.add("materials", cloth("none", 0.0, 0.0, json!({"sheenColorFactor": [0, 0, 0]})));
     for material in 0..5 {
-        let mesh = file.triangle(json!({}), json!({"material": material}));
+        let uvs = file.floats("VEC2", &[0.0, 0.0, 1.0, 0.0, 0.0, 1.0]);
+        let mesh = file.triangle(json!({"TEXCOORD_0": uvs}), json!({"material": material}));
         file.add("nodes", json!({"mesh": mesh, "name": format!("part {material}")}));
     }
     file.json["scenes"] = json!([{"nodes": [0, 1, 2, 3, 4]}]);
@@ -278,17 +285,28 @@ fn cloth_of_gltf() {
     let loaded = read(&place, "a.gltf");
     let told = [
         "cloth (KHR_materials_sheen) is matte under its sheen: “satin”",
-        "images of KHR_materials_sheen are left out: “woven”",
         "the sheen of cloth over metal is left out: “foil”",
     ];
     assert_eq!(loaded.warnings, told);
-    let sheen = |i: usize| loaded.parts[i].material.clone().unwrap().sheen;
-    let red = Sheen { color: glam::vec3(0.9, 0.2, 0.1), roughness: 0.5 };
-    assert_eq!([0, 1, 2, 3, 4].map(sheen), [Some(red), Some(red), Some(red), None, None]);
+    let sheen = |i: usize| loaded.parts[i].material.as_ref().unwrap().sheen.clone();
+    let (color_image, roughness_image) = (None, None);
+    let red = Sheen { color: glam::vec3(0.9, 0.2, 0.1), color_image, roughness: 0.5, roughness_image };
+    assert_eq!([0, 1, 3, 4].map(sheen), [Some(red.clone()), Some(red), None, None]);
+    let woven = sheen(2).unwrap();
+    let near = |image: &[f32], expected: &[f32]| image.iter().zip(expected).all(|(a, b)| (a - b).abs() < 0.003);
+    assert!(near(&woven.color_texels().image.data, &[0.9, 0.0, 0.0, 0.45, 0.2, 0.1]), "{woven:?}");
+    assert!(near(&woven.roughness_texels().image.data, &[0.2, 0.8]), "{woven:?}");
     // α is 0.25 in the file, and 0.07 + 0.93 roughness² here.
     place.write("a.dscene", "let felt = load_shapes(\"a.gltf\")[0].material\nprint felt.diffuse, felt.sheen\nexpect felt.roughness ≈ sqrt(0.18 / 0.93) within 0.01%\n");
     let output = place.dsl(&["run", "a.dscene", "--out", "run"]);
     assert_code(&output, 0);
+    // Texel by texel: α is 0.04 in one, which no roughness has here, and 0.64 in the other.
+    place.write(
+        "b.dscene",
+        "let woven = load_shapes(\"a.gltf\")[2].material\nlet rough = woven.roughness.texels\n\
+         expect max(rough) ≈ sqrt(0.57 / 0.93) within 0.5%\nexpect min(rough) == 0\nexpect max(woven.sheen.texels) ≈ 0.9 within 0.1%\n",
+    );
+    assert_code(&place.dsl(&["run", "b.dscene", "--out", "b"]), 0);
 }
 
 /// The clear coat of a file's material is read with its images; its own normals are told by name.

@@ -127,6 +127,11 @@ impl LoadedImage {
         LoadedImage { image: Arc::new(with_channels(&self.image, from, n)), ..*self }
     }
 
+    /// The alpha channel, if it has one: without it all is opaque.
+    pub(super) fn alpha(&self) -> Option<LoadedImage> {
+        (self.image.channels == 4).then(|| self.channels(3, 1))
+    }
+
     /// The same lookup with other texels.
     pub(super) fn with(&self, image: Image) -> LoadedImage {
         LoadedImage { image: Arc::new(image), ..*self }
@@ -153,13 +158,29 @@ pub enum Clear {
     Pane(f32),
 }
 
-/// The sheen of cloth, as KHR_materials_sheen has it.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// The sheen of cloth, as KHR_materials_sheen has it. If a number has a texture, the texture multiplies it.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Sheen {
     /// Linear RGB, from 0 to 1.
     pub color: Vec3,
+    /// Three channels, linear.
+    pub color_image: Option<LoadedImage>,
     /// From 0 to 1; the α of the fibres' distribution is its square.
     pub roughness: f32,
+    /// One channel.
+    pub roughness_image: Option<LoadedImage>,
+}
+
+impl Sheen {
+    /// Its colour as a texture of three channels, already multiplied by the number.
+    pub fn color_texels(&self) -> LoadedImage {
+        texels(self.color_image.as_ref(), &self.color.to_array())
+    }
+
+    /// Roughness as a texture of one channel.
+    pub fn roughness_texels(&self) -> LoadedImage {
+        texels(self.roughness_image.as_ref(), &[self.roughness])
+    }
 }
 
 /// A clear coat over a material, as KHR_materials_clearcoat has it. If a number has a texture, the texture multiplies it.
@@ -276,7 +297,9 @@ impl LoadedMaterial {
             [&self.base_color_image, &self.metallic_image, &self.roughness_image, &self.emissive_image, &self.opacity];
         let varies = |loaded: &LoadedImage| loaded.image.width * loaded.image.height > 1;
         let of_coat = self.coat.iter().flat_map(|coat| [&coat.weight_image, &coat.roughness_image]);
-        self.normals.is_some() || self.grain.is_some() || images.into_iter().chain(of_coat).flatten().any(varies)
+        let of_sheen = self.sheen.iter().flat_map(|sheen| [&sheen.color_image, &sheen.roughness_image]);
+        let images = images.into_iter().chain(of_coat).chain(of_sheen);
+        self.normals.is_some() || self.grain.is_some() || images.flatten().any(varies)
     }
 
     /// Brings colours and numbers back to where they mean something: 0 to 1, and no light below 0. Whether some had to be.

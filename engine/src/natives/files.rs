@@ -186,12 +186,8 @@ fn appearance(loaded: &LoadedMaterial) -> Result<Appearance, Shortage> {
         return Ok(Appearance { radiance, two_sided: true, ..plain(material) });
     }
     let base_color = texels(loaded.base_color_texels())?;
-    let kind = match loaded.sheen {
-        Some(Sheen { color, roughness }) => MaterialKind::Cloth {
-            diffuse: base_color,
-            sheen: self::color(color),
-            roughness: Input::Number(Var::from(f64::from(sheen_roughness_of(roughness * roughness)))),
-        },
+    let kind = match &loaded.sheen {
+        Some(sheen) => cloth(base_color, sheen)?,
         None => MaterialKind::Principled {
             base_color,
             metallic: texels(loaded.metallic_texels())?,
@@ -214,6 +210,23 @@ fn appearance(loaded: &LoadedMaterial) -> Result<Appearance, Shortage> {
     let material = Arc::new(MaterialValue { grain, coat, one_sided, opacity, normals, ..kind.into() });
     let radiance = loaded.emissive_texels().map(texels).transpose()?;
     Ok(Appearance { material, radiance, two_sided: loaded.double_sided })
+}
+
+fn cloth(diffuse: Input, sheen: &Sheen) -> Result<MaterialKind<Input>, Shortage> {
+    let roughness = |r: f32| sheen_roughness_of(r * r);
+    let color = match sheen.color_image {
+        Some(_) => texels(sheen.color_texels())?,
+        None => color(sheen.color),
+    };
+    let roughness = match sheen.roughness_image {
+        Some(_) => {
+            let loaded = sheen.roughness_texels();
+            let data = loaded.image.data.iter().map(|r| roughness(*r)).collect();
+            texels(LoadedImage { image: Arc::new(Image { data, ..*loaded.image }), ..loaded })?
+        }
+        None => Input::Number(Var::from(f64::from(roughness(sheen.roughness)))),
+    };
+    Ok(MaterialKind::Cloth { diffuse, sheen: color, roughness })
 }
 
 fn color(color: glam::Vec3) -> Input {

@@ -61,6 +61,7 @@ impl Materials {
         let emissive = image(material.emissive_texture(), Encoding::Srgb);
         let normals = self.normals(material, at, &name, accessors, reading);
         let coat = self.coat(material, at, &name, accessors, reading);
+        let sheen = self.sheen(material, at, &name, accessors, reading);
         let grain = self.grain(material, at, &name, accessors, reading);
         let [r, g, b, alpha] = pbr.base_color_factor();
         let ior = material.ior().unwrap_or(1.5);
@@ -80,7 +81,7 @@ impl Materials {
             double_sided: material.double_sided(),
             opacity: opacity(material, base_color.as_ref(), alpha),
             clear: clear(material, &name, reading),
-            sheen: sheen(material, &name, reading),
+            sheen,
             grain,
             coat,
             normals,
@@ -143,7 +144,8 @@ impl Materials {
             reading.notes.about(sentence, whose);
         }
         let mut image = |name: &str, channel: usize| {
-            Some(self.extension_image(written.get(name)?, at, whose, accessors, reading)?.channels(channel, 1))
+            let image = self.extension_image(written.get(name)?, Encoding::Linear, at, whose, accessors, reading)?;
+            Some(image.channels(channel, 1))
         };
         let weight_image = image("clearcoatTexture", 0);
         let roughness_image = image("clearcoatRoughnessTexture", 1);
@@ -166,7 +168,7 @@ impl Materials {
             return None;
         }
         let map = written.get("anisotropyTexture");
-        let image = map.and_then(|map| self.extension_image(map, at, whose, accessors, reading));
+        let image = map.and_then(|map| self.extension_image(map, Encoding::Linear, at, whose, accessors, reading));
         let turned = image.as_ref().map_or(Some(0.0), |image| one_direction(&image.channels(0, 2)));
         if turned.is_none() && reading.materials() {
             let sentence = "a surface is anisotropic in one direction: those of an anisotropyTexture are left out";
@@ -176,10 +178,45 @@ impl Materials {
         Some(LoadedGrain { strength, strength_image: image.map(|image| image.channels(2, 1)), rotation })
     }
 
+    /// The sheen of cloth, where there is any, with its images: the colours of one, the alpha channel of the other. What goes with it is reported.
+    fn sheen(
+        &mut self,
+        material: &gltf::Material,
+        at: (u32, UvTransform),
+        whose: &str,
+        accessors: &Accessors,
+        reading: &mut Reading,
+    ) -> Option<Sheen> {
+        let written = material.extension_value(SHEEN)?;
+        let number = |value: &Value| value.as_f64().map_or(0.0, |x| x.clamp(0.0, 1.0) as f32);
+        let color = Vec3::from([0, 1, 2].map(|i| number(&written["sheenColorFactor"][i])));
+        if color == Vec3::ZERO {
+            return None;
+        }
+        let mut about = |sentence: &str| {
+            if reading.materials() {
+                reading.notes.about(sentence, whose);
+            }
+        };
+        if material.pbr_metallic_roughness().metallic_factor() > 0.0 {
+            about("the sheen of cloth over metal is left out");
+            return None;
+        }
+        if material.specular().is_none_or(|specular| specular.specular_factor() > 0.0) {
+            about("cloth (KHR_materials_sheen) is matte under its sheen");
+        }
+        let mut image =
+            |name: &str, encoding| self.extension_image(written.get(name)?, encoding, at, whose, accessors, reading);
+        let color_image = image("sheenColorTexture", Encoding::Srgb).map(|image| image.channels(0, 3));
+        let roughness_image = image("sheenRoughnessTexture", Encoding::Linear).and_then(|image| image.alpha());
+        Some(Sheen { color, color_image, roughness: number(&written["sheenRoughnessFactor"]), roughness_image })
+    }
+
     /// The image that a texture of an extension names.
     fn extension_image(
         &mut self,
         map: &Value,
+        encoding: Encoding,
         at: (u32, UvTransform),
         whose: &str,
         accessors: &Accessors,
@@ -188,7 +225,7 @@ impl Materials {
         let texture = accessors.document.textures().nth(usize::try_from(map["index"].as_u64()?).ok()?)?;
         let transform = map.get("extensions").and_then(|all| all.get("KHR_texture_transform"));
         tell_of_placement(map["texCoord"].as_u64(), transform, at, whose, reading);
-        self.image(&texture, Encoding::Linear, whose, accessors, reading)
+        self.image(&texture, encoding, whose, accessors, reading)
     }
 
     fn image(
@@ -333,33 +370,6 @@ fn absorption(material: &gltf::Material) -> Vec3 {
     if absorption.is_finite() { absorption } else { Vec3::ZERO }
 }
 
-/// The sheen of cloth, where there is any. What goes with it is reported.
-fn sheen(material: &gltf::Material, name: &str, reading: &mut Reading) -> Option<Sheen> {
-    let sheen = material.extension_value(SHEEN)?;
-    let number = |value: &Value| value.as_f64().map(|x| x.clamp(0.0, 1.0) as f32);
-    let channel = |i: usize| number(&sheen["sheenColorFactor"][i]).unwrap_or(0.0);
-    let color = Vec3::new(channel(0), channel(1), channel(2));
-    if color == Vec3::ZERO {
-        return None;
-    }
-    let mut about = |sentence: &str| {
-        if reading.materials() {
-            reading.notes.about(sentence, name);
-        }
-    };
-    if material.pbr_metallic_roughness().metallic_factor() > 0.0 {
-        about("the sheen of cloth over metal is left out");
-        return None;
-    }
-    if ["sheenColorTexture", "sheenRoughnessTexture"].iter().any(|image| sheen.get(image).is_some()) {
-        about("images of KHR_materials_sheen are left out");
-    }
-    if material.specular().is_none_or(|specular| specular.specular_factor() > 0.0) {
-        about("cloth (KHR_materials_sheen) is matte under its sheen");
-    }
-    Some(Sheen { color, roughness: number(&sheen["sheenRoughnessFactor"]).unwrap_or(0.0) })
-}
-
 const PLACEMENT: &str = "all images of a material are placed as its first one is";
 
 /// Reports an image that the glTF crate does not read, if it is placed in another way than the first one of its material (`at`): by its set of
@@ -393,13 +403,7 @@ fn scaled_normals(map: &LoadedImage, scale: f32) -> LoadedImage {
 /// Opacity as a texture; `None` is opaque.
 fn opacity(material: &gltf::Material, image: Option<&LoadedImage>, alpha: f32) -> Option<LoadedImage> {
     let of = |opacity: &dyn Fn(f32) -> f32| {
-        let values = match image.filter(|i| i.image.channels == 4) {
-            Some(image) => image.channels(3, 1),
-            None => {
-                let one = Image { width: 1, height: 1, channels: 1, data: vec![1.0] };
-                LoadedImage { image: Arc::new(one), wrap: Wrap::Repeat, nearest: false }
-            }
-        };
+        let values = image.and_then(LoadedImage::alpha).unwrap_or_else(|| LoadedImage::constant(&[1.0]));
         let bounded = |v: &f32| Some(opacity(*v)).filter(|o| !o.is_nan()).unwrap_or(1.0).clamp(0.0, 1.0);
         let data = values.image.data.iter().map(bounded).collect();
         values.with(Image { data, ..*values.image })
