@@ -32,10 +32,11 @@ impl Checker<'_> {
             return self.sweep(sweep);
         }
         // Behind an `optimize`, `step` and `progress` keep their last values; what the REPL has run is not known here.
-        let has_run = self.quiet || self.actions.iter().any(|action| matches!(action, hir::Action::Optimize(_)));
-        self.no_step = !has_run && !matches!(action, ast::Action::Optimize(_));
+        let optimizes = matches!(action, ast::Action::Optimize(_));
+        self.no_step = !self.quiet && !self.has_optimized && !optimizes;
         let action = self.action(action);
         self.no_step = false;
+        self.has_optimized |= optimizes;
         self.actions.push(action);
     }
 

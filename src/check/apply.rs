@@ -319,6 +319,7 @@ impl Checker<'_> {
             }
             let mut result = checker.expr(body, signature.result.as_ref());
             if let Some(wanted) = &signature.result {
+                checker.check_result(f, wanted, &result);
                 let refined = wanted.accepts(&result.expr.ty, result.value.as_ref()) && !result.expr.ty.is_unknown();
                 if !refined {
                     result.expr.ty = wanted.ty();

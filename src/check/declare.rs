@@ -355,21 +355,7 @@ impl Checker<'_> {
         let mut typed = self.expr(body, signature.result.as_ref());
         let mut result_ty = typed.expr.ty.clone();
         if let Some(wanted) = &signature.result {
-            if !wanted.accepts(&result_ty, typed.value.as_ref()) {
-                let span = match &body.kind {
-                    ast::ExprKind::Block { body, .. } => body.span,
-                    _ => body.span,
-                };
-                let annotation = f.result.as_ref().map_or(span, |t| t.span);
-                self.diagnostics.push(
-                    Diagnostic::error(
-                        "dscene::type::mismatch",
-                        format!("`{}` gives `{result_ty}`, but is declared to give `{wanted}`", f.name.text),
-                    )
-                    .label(span, format!("this is `{result_ty}`"))
-                    .label(annotation, "declared here"),
-                );
-            }
+            self.check_result(f, wanted, &typed);
             if wanted.accepts(&result_ty, typed.value.as_ref()) {
                 typed = self.coerce(wanted, typed);
                 result_ty = typed.expr.ty.clone();
@@ -379,6 +365,27 @@ impl Checker<'_> {
         slot.value = Some(Const::Function(Arc::new(Function::Declared(id))));
         slot.hir.kind = DeclKind::Fn(Arc::new(hir::FnDecl { params, body: typed.expr }));
         slot.hir.ty = Ty::Fn(params_ty, Box::new(result_ty));
+    }
+
+    /// Reports a function's result that is not what it is declared to give.
+    pub fn check_result(&mut self, f: &ast::Fn, wanted: &Sig, found: &Typed) {
+        let Some(body) = f.body.as_ref().filter(|_| !wanted.accepts(&found.expr.ty, found.value.as_ref())) else {
+            return;
+        };
+        let span = match &body.kind {
+            ast::ExprKind::Block { body, .. } => body.span,
+            _ => body.span,
+        };
+        let annotation = f.result.as_ref().map_or(span, |t| t.span);
+        let found = &found.expr.ty;
+        self.diagnostics.push(
+            Diagnostic::error(
+                "dscene::type::mismatch",
+                format!("`{}` gives `{found}`, but is declared to give `{wanted}`", f.name.text),
+            )
+            .label(span, format!("this is `{found}`"))
+            .label(annotation, "declared here"),
+        );
     }
 
     pub fn new_local(&mut self, name: &str, ty: Ty, value: Option<Const>) -> hir::LocalId {

@@ -3,10 +3,11 @@
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 
-use super::flow::children;
+use super::flow::{children, walk};
 use super::hir::*;
 use super::record::written_field;
 use super::types::Ty;
+use crate::diag::Diagnostic;
 
 /// An input of the library to which a param is passed, with its domain.
 #[derive(Clone, Debug, PartialEq)]
@@ -62,9 +63,9 @@ pub fn domains(program: &Program) -> BTreeMap<DeclId, Vec<Reached>> {
     walk.found
 }
 
-/// The domain of a field (`lamp.radiance`), which is that of the constructor's argument.
+/// The domain of a field (`lamp.radiance`, `ball.material.reflectance`), which is that of the constructor's argument.
 pub fn domain_of_field(program: &Program, target: &Target) -> Option<Reached> {
-    let [name] = &target.path[..] else { return None };
+    let mut path = &target.path[..];
     let mut body = program.decl(target.decl).body.as_deref()?;
     for _ in 0..DEEPEST {
         match &body.kind {
@@ -72,13 +73,56 @@ pub fn domain_of_field(program: &Program, target: &Target) -> Option<Reached> {
             ExprKind::Call(call) => {
                 let Callee::Native(id) = call.callee else { return None };
                 let DeclKind::Native(native) = &program.decl(id).kind else { return None };
-                let param = native.params.iter().find(|p| p.name == *name)?;
-                return domain(native, param, Part::Whole);
+                let (name, rest) = path.split_first()?;
+                let index = native.params.iter().position(|p| p.name == *name)?;
+                if rest.is_empty() {
+                    return domain(native, &native.params[index], Part::Whole);
+                }
+                (body, path) = (call.args.get(index)?.as_ref()?, rest);
             }
             _ => return None,
         }
     }
     None
+}
+
+/// Numbers that a `with` gives to fields where they have no meaning, as a call with them would.
+pub fn misplaced(program: &Program, roots: &[&Expr]) -> Vec<Diagnostic> {
+    let mut out = Vec::new();
+    let mut look = |e: &Expr| {
+        let ExprKind::With { replacements, .. } = &e.kind else { return };
+        for r in replacements {
+            let Some(reached) = domain_of_field(program, &r.target) else { continue };
+            let mut numbers = Vec::new();
+            literals(&r.value, &mut numbers);
+            if let Some(x) = numbers.into_iter().find(|x| !reached.domain.contains(*x)) {
+                let message = format!("`{}` of `{}` must be {}", reached.argument, reached.function, reached.domain);
+                let shown = if reached.domain.angle { format!("{}deg", x.to_degrees()) } else { x.to_string() };
+                out.push(
+                    Diagnostic::error("dscene::value::range", message)
+                        .label(r.value.span, format!("this is {shown}"))
+                        .help_opt(reached.domain.nearest(x)),
+                );
+            }
+        }
+    };
+    roots.iter().for_each(|root| walk(root, &mut look));
+    out
+}
+
+/// The numbers that are written in an expression which is made of them alone.
+fn literals(e: &Expr, out: &mut Vec<f64>) {
+    match &e.kind {
+        ExprKind::Number(x) | ExprKind::Angle(x) => out.push(*x),
+        ExprKind::Unary { op: UnaryOp::Neg, operand } => {
+            let from = out.len();
+            literals(operand, out);
+            out[from..].iter_mut().for_each(|x| *x = -*x);
+        }
+        ExprKind::Array(items) => items.iter().for_each(|item| literals(item, out)),
+        ExprKind::Broadcast { value, .. } => literals(value, out),
+        _ => {}
+    }
 }
 
 fn domain(native: &NativeDecl, param: &NativeParam, part: Part) -> Option<Reached> {

@@ -77,7 +77,7 @@ pub fn check(program: &Program, loader: &dyn Loader) -> Vec<Diagnostic> {
 }
 
 /// The expressions that the user wrote.
-fn roots(program: &Program) -> Vec<&Expr> {
+pub fn roots(program: &Program) -> Vec<&Expr> {
     let mut found: Vec<&Expr> = Vec::new();
     for id in program.ids().filter(|id| program.decl(*id).user) {
         let decl = program.decl(id);

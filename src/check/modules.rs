@@ -135,6 +135,8 @@ pub struct Checker<'l> {
     pub unread: HashSet<String>,
     /// Whether an action before any `optimize`, or a test, is checked, where there is no step.
     pub no_step: bool,
+    /// Whether an `optimize` was among the actions so far.
+    pub has_optimized: bool,
     /// Whether dataflow warnings are off (for lines of the REPL).
     pub quiet: bool,
     /// By id: declarations of the previous program that did not change.
@@ -181,6 +183,7 @@ impl<'l> Checker<'l> {
             in_stop_when: false,
             unread: HashSet::new(),
             no_step: false,
+            has_optimized: false,
             quiet: false,
             unchanged: Vec::new(),
             spelling: HashMap::new(),
@@ -254,6 +257,7 @@ impl<'l> Checker<'l> {
         };
         if self.diagnostics.errors() == 0 {
             self.diagnostics.extend(super::flow::check(&program, self.quiet));
+            self.diagnostics.extend(super::domains::misplaced(&program, &super::lints::roots(&program)));
         }
         if self.quiet {
             return (program, self.diagnostics.into_all(), self.sources);

@@ -55,11 +55,12 @@ impl Checker<'_> {
         if whole && !super::counts::is_frozen(&decl) {
             let name = &param.name.text;
             let value = self.sources.text(initial).to_owned();
+            let ty = param.ty.as_ref().map_or_else(|| "int".to_owned(), |ty| self.sources.text(ty.span).to_owned());
             self.diagnostics.push(
                 Diagnostic::error("dscene::type::whole", format!("`{name}` is a whole number and has no derivative"))
                     .label(param.name.span, "cannot be optimised")
                     .help(format!(
-                        "write `let {name} = {value}`, or `param {name}: int = {value} {{ frozen: true }}` to set it from outside"
+                        "write `let {name} = {value}`, or `param {name}: {ty} = {value} {{ frozen: true }}` to set it from outside"
                     )),
             );
         }

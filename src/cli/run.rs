@@ -10,6 +10,7 @@ use super::args::{Common, PICTURE_SPP, RunArgs};
 use super::live::Live;
 use super::load::STDIN;
 use super::out::typed;
+use super::render::writable;
 use super::script::script_of_report;
 use super::timings::Timings;
 use super::together::refused_sweep;
@@ -58,6 +59,12 @@ fn run_script(args: &RunArgs, terminal: &mut Terminal) -> u8 {
         return EXIT_WRONG;
     };
     let check = checking.elapsed().wall;
+    if let Some(Some(file)) = &args.timings
+        && let Err(diagnostic) = writable(file)
+    {
+        terminal.diagnostic(&diagnostic, &SourceMap::default());
+        return EXIT_WRONG;
+    }
     if !args.part && args.resume.is_none() && loaded.engine.program().sweep.is_some() {
         return run_as_sweep(args, loaded, terminal);
     }

@@ -1,5 +1,7 @@
 //! A script with the values that its params have now as their initial ones.
 
+use std::collections::HashMap;
+
 use crate::check::types::Ty;
 use crate::check::{Line, hir};
 use crate::diag::Diagnostic;
@@ -64,15 +66,20 @@ pub fn script_with_values(
     let edits = others.into_iter().chain(moved_params(engine)?).chain(given_values(engine, typed));
     let mut pending: Vec<(Edit, bool)> = edits.map(|edit| (edit, false)).collect();
     let mut out = String::new();
+    // What names stand for, as `Program::find` has it.
+    let mut declared: HashMap<&str, SourceId> = HashMap::new();
+    let program = engine.program();
+    for id in program.ids().filter(|id| program.decl(*id).user) {
+        let decl = program.decl(id);
+        declared.entry(&decl.name).or_insert(decl.name_span.source);
+    }
     for source in root.into_iter().chain(typed.iter().copied()) {
         let Some(file) = sources.get(source) else { continue };
         let mut edits: Vec<(usize, usize, String)> = Vec::new();
         // What a later line declares anew is left out here, and so is what a line did but not declare.
         for statement in crate::syntax::parse(&sources, source).0.statements {
             let holds = match statement.declares() {
-                Some(name) => {
-                    engine.program().find(name).is_none_or(|id| engine.program().decl(id).name_span.source == source)
-                }
+                Some(name) => declared.get(name).is_none_or(|of| *of == source),
                 None => Some(source) == root || matches!(statement.kind, StatementKind::Import(_)),
             };
             if !holds {

@@ -11,7 +11,7 @@ use crate::files::write_atomically;
 use crate::memory::size_text;
 use crate::ranks::{self, Traffic};
 use crate::session::clock::human_seconds;
-use crate::session::folder::cannot_write;
+use crate::session::folder::{cannot_write, spare_inputs};
 use crate::session::show;
 use crate::session::timings::{Timed, statement};
 use crate::source::SourceMap;
@@ -112,6 +112,8 @@ impl Timings<'_> {
             }
         }
         events.push(event("report.html", end, self.report, 1));
+        // The script may have read it in the meantime.
+        spare_inputs(path)?;
         let text = json!({ "traceEvents": events, "displayTimeUnit": "ms" }).to_string();
         write_atomically(path, text.as_bytes()).map_err(|error| cannot_write(path, &error))
     }

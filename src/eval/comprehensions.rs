@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::check::hir::{Callee, Comprehension, ExprKind, ForClause};
+use crate::check::hir::{Callee, Comprehension, Expr, ExprKind, ForClause};
 use crate::memory::{self, Shortage};
 use crate::natives::value::Value;
 use crate::source::Span;
@@ -16,13 +16,20 @@ use super::{Engine, Result, error, mix};
 const ITEM_BYTES: u64 = 320;
 
 impl Engine {
-    pub(super) fn comprehension(&mut self, c: &Comprehension, span: Span) -> Result<Value> {
+    pub(super) fn comprehension(&mut self, c: &Comprehension, e: &Expr) -> Result<Value> {
         let mut out = Collected::default();
         let saved = (self.locals.len(), self.path);
-        let result = self.clause(c, 0, &mut out, span);
+        let result = self.clause(c, 0, &mut out, e.span);
         self.locals.truncate(saved.0);
         self.path = saved.1;
         result?;
+        if out.count == 0
+            && let Some((shape, _)) = e.ty.quantity()
+        {
+            // No numbers are still numbers.
+            let inner = shape.iter().skip(1).map(|n| n.unwrap_or(0));
+            return Ok(Value::tensor(Tensor::new(std::iter::once(0).chain(inner).collect::<Vec<usize>>(), Vec::new())));
+        }
         Ok(out.array())
     }
 

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use crate::check::domain_of_field;
 use crate::check::hir::{BinaryOp, Builtin, Expr, ExprKind, Replacement, StrFormat, StrPart, UnaryOp};
 use crate::check::types::Ty;
 use crate::memory;
@@ -46,7 +47,7 @@ impl Engine {
                 Ok(function(Closure::Lambda { lambda: lambda.clone(), captured }))
             }
             ExprKind::If { condition, then, otherwise } => self.conditional(condition, then, otherwise),
-            ExprKind::Comprehension(c) => self.comprehension(c, e.span),
+            ExprKind::Comprehension(c) => self.comprehension(c, e),
             ExprKind::With { body, replacements } => self.with(body, replacements, e.span),
             ExprKind::Range { start, end, inclusive } => self.range(start, end, *inclusive, e.span),
             ExprKind::Local(id) => match self.locals[self.base..].iter().rev().find(|(l, _)| l == id) {
@@ -328,7 +329,15 @@ impl Engine {
     fn with(&mut self, body: &Expr, replacements: &[Replacement], span: Span) -> Result<Value> {
         let mut overrides = Vec::with_capacity(replacements.len());
         for r in replacements {
-            overrides.push((r.target.clone(), self.expr(&r.value)?));
+            let value = self.expr(&r.value)?;
+            if let (Some(reached), Some(var)) = (domain_of_field(&self.program, &r.target), value.var())
+                && let Some(x) = var.value().data.iter().find(|x| **x < reached.domain.low)
+            {
+                let (argument, domain) = (reached.argument, reached.domain);
+                let message = format!("`{argument}` must be {domain}, this is {}", show::number_text(*x));
+                return Err(error::value(message, r.value.span));
+            }
+            overrides.push((r.target.clone(), value));
         }
         self.in_world(overrides, self.path_at(span), |engine| engine.expr(body))
     }
@@ -522,6 +531,11 @@ fn append(text: &mut String, mut more: &str) {
 fn same(x: &Value, y: &Value) -> std::result::Result<bool, String> {
     match (x, y) {
         (Value::Num(a), Value::Num(b)) => {
+            // Of other lengths: not a matter of repeating what is shorter.
+            let (s, t) = (a.shape(), b.shape());
+            if s != t && (s.len() == t.len() || a.is_empty() != b.is_empty()) {
+                return Ok(false);
+            }
             Ok(a.binary(Binary::Eq, b).map_err(|e| e.0)?.value().data.iter().all(|x| *x == 1.0))
         }
         (Value::List(a), Value::List(b)) => {
@@ -534,6 +548,10 @@ fn same(x: &Value, y: &Value) -> std::result::Result<bool, String> {
                 }
             }
             Ok(true)
+        }
+        // A list that is not of numbers may be one of nothing.
+        (Value::Num(numbers), Value::List(list)) | (Value::List(list), Value::Num(numbers)) => {
+            Ok(list.is_empty() && numbers.shape().first() == Some(&0))
         }
         // The order of fields does not matter.
         (Value::Record(a), Value::Record(b)) => {

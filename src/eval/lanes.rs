@@ -190,10 +190,19 @@ impl Engine {
         match &call.callee {
             Callee::Native(id) => {
                 let DeclKind::Native(native) = &program.decl(*id).kind else { return None };
+                let written: Vec<&Expr> = call.args.iter().map_while(Option::as_ref).collect();
+                if let ("where", [condition, yes, no]) = (native.name.as_str(), &written[..]) {
+                    return self.choice(
+                        condition,
+                        n,
+                        names,
+                        |e, n, names| e.lanes(yes, n, names),
+                        |e, n, names| e.lanes(no, n, names),
+                    );
+                }
                 if !ELEMENTWISE.contains(&native.name.as_str()) {
                     return None;
                 }
-                let written: Vec<&Expr> = call.args.iter().map_while(Option::as_ref).collect();
                 // With one argument, or along an axis, `min` and `max` are reductions and not element-wise.
                 let reduces = matches!(native.name.as_str(), "min" | "max") && written.len() != 2;
                 if reduces || call.args[written.len()..].iter().any(Option::is_some) {
@@ -213,6 +222,15 @@ impl Engine {
             Callee::Decl(id) => {
                 let DeclKind::Fn(f) = &program.decl(*id).kind else { return None };
                 self.lanes_of_function(f, call, n, names)
+            }
+            Callee::Value(Expr { kind: ExprKind::Lambda(lambda), .. }) if lambda.params.len() == call.args.len() => {
+                let args = call.args.iter().map(|arg| self.lanes(arg.as_ref()?, n, names));
+                let args: Vec<Lanes> = args.collect::<Option<_>>()?;
+                let top = names.len();
+                names.extend(lambda.params.iter().copied().zip(args));
+                let result = self.lanes(&lambda.body, n, names);
+                names.truncate(top);
+                result
             }
             Callee::Value(_) => None,
         }

@@ -336,6 +336,26 @@ fn tensor_json(t: &Tensor) -> Json {
     Json::Array((0..t.shape[0]).map(|i| tensor_json(&part(i))).collect())
 }
 
+/// Some bytes of memory that [`to_json`] and its text take; it is not counted beyond `most`.
+pub fn json_size(value: &Value, most: u64) -> u64 {
+    const NODE: u64 = 120;
+    const NUMBER: u64 = 60;
+    let mut size = NODE + NUMBER * value.var().map_or(0, |var| var.len() as u64);
+    let parts: Box<dyn Iterator<Item = &Value>> = match value {
+        Value::List(items) => Box::new(items.iter()),
+        Value::Record(fields) => Box::new(fields.iter().map(|(_, value)| value)),
+        Value::Str(text) => return size + 2 * text.len() as u64,
+        _ => Box::new(std::iter::empty()),
+    };
+    for part in parts {
+        if size > most {
+            break;
+        }
+        size += json_size(part, most - size);
+    }
+    size
+}
+
 /// Numbers as (nested) arrays, things as objects of their fields, angles in radians; what is not finite as strings (`"nan"`, `"inf"`, `"-inf"`),
 /// and a function as `{"function": null}`, since JSON cannot hold one.
 pub fn to_json(value: &Value) -> Json {

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use super::folder::RunFolder;
-use super::measure::loss_at;
+use super::measure::loss_if_any;
 use super::optimization::Optimization;
 use super::run::Runner;
 use super::stages::whole_number;
@@ -147,7 +147,7 @@ impl Rehearser<'_> {
         // The loss that is told at the end.
         seconds += self.timed(|r| {
             r.runner.engine.record_images();
-            loss_at(r.runner.engine, &optimize.loss)?;
+            loss_if_any(r.runner.engine, &optimize.loss)?;
             r.runner.end_notes(&optimization, None);
             Ok(())
         })?;

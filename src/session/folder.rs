@@ -152,7 +152,10 @@ impl RunFolder {
             return Ok(RunFolder::unwritten(path.to_path_buf()));
         }
         fs::create_dir_all(path).map_err(|e| no_folder(path, &e))?;
-        let free = || if force { Ok(()) } else { assert_empty(path) };
+        let free = || match force {
+            true => own_files(path).try_for_each(|own| spare_inputs(&own)),
+            false => assert_empty(path),
+        };
         // In a folder that is refused nothing is left behind, not even a lock.
         let has_lock = path.join(RUN_LOCK).symlink_metadata().is_ok();
         let held = has_lock.then(|| lock(path)).transpose()?;
@@ -400,6 +403,12 @@ pub fn output_path(folder: &Path, name: &str) -> Result<PathBuf, Diagnostic> {
     let path = parent.join(relative.file_name().unwrap_or_default());
     spare_inputs(&path)?;
     Ok(path)
+}
+
+/// The files in a folder that a run begins anew.
+fn own_files(path: &Path) -> impl Iterator<Item = PathBuf> {
+    let names = fs::read_dir(path).into_iter().flatten().flatten().map(|entry| entry.file_name());
+    names.filter(|name| is_run_file(&name.to_string_lossy())).map(|name| path.join(name))
 }
 
 /// Refuses a path at which the output would replace a file that was read.

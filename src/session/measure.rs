@@ -47,8 +47,16 @@ pub struct MeasuredParam {
 /// Sets the seeds of [`loss_at`] apart from those of the steps.
 const AFTER: u64 = 0x5eed_af7e_2000_0000;
 
-/// A loss where the params are, over a few seeds that no step has used; a single number if it has no noise, and none where it has no value.
-/// An error only if the user stops it.
+/// [`loss_at`], and nothing where the loss has no value: an error only if the user stops it.
+pub fn loss_if_any(engine: &mut Engine, loss: &hir::Expr) -> Result<Moments, Diagnostic> {
+    match loss_at(engine, loss) {
+        Err(told) if told.code != INTERRUPTED => Ok(Moments::default()),
+        found => found,
+    }
+}
+
+/// A loss where the params are, over a few seeds that no step has used; a single number if it has no noise. An error if the first of them
+/// gives none.
 pub fn loss_at(engine: &mut Engine, loss: &hir::Expr) -> Result<Moments, Diagnostic> {
     const SEEDS: u64 = 4;
     let (seed, before) = (engine.options().seed, engine.sample_seed());
@@ -59,7 +67,7 @@ pub fn loss_at(engine: &mut Engine, loss: &hir::Expr) -> Result<Moments, Diagnos
         engine.set_sample_seed(before);
         let value = match value {
             Ok(value) => value.number(),
-            Err(told) if told.code == INTERRUPTED => return Err(told),
+            Err(told) if told.code == INTERRUPTED || repeat == 0 => return Err(told),
             Err(_) => None,
         };
         let Some(value) = value else { break };

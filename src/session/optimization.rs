@@ -547,7 +547,7 @@ impl Optimization {
         for (param, now) in self.params.iter().zip(&moved.felt) {
             *self.memory.felt.entry(param.name.clone()).or_default() |= now;
         }
-        self.memory.skipped += u64::from(!matches!(moved.outcome, Ok(StepOutcome::Moved)));
+        self.memory.skipped += u64::from(matches!(moved.outcome, Ok(StepOutcome::Skipped { .. })));
         let names = |indices: &[usize]| -> Vec<String> {
             indices.iter().filter_map(|&i| self.params.get(i)).map(|p| p.name.clone()).collect()
         };

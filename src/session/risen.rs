@@ -1,6 +1,6 @@
 //! Tells of optimisations that end with a much larger loss than they began with: steps that were too long, and went away from the minimum.
 
-use super::measure::loss_at;
+use super::measure::loss_if_any;
 use super::optimization::Optimization;
 use super::show::significant;
 use crate::diag::Diagnostic;
@@ -20,7 +20,7 @@ impl Optimization {
         // What the first step saw may be no loss to compare with: of a smaller film or a blur that has faded since. So the params of the
         // beginning are looked at once more, as those of the end were.
         let now = engine.state();
-        let measured = engine.restore(&self.begun.at_step_of(&now)).and_then(|()| loss_at(engine, &self.loss()));
+        let measured = engine.restore(&self.begun.at_step_of(&now)).and_then(|()| loss_if_any(engine, &self.loss()));
         engine.restore(&now)?;
         let Ok(moments) = measured else { return Ok(None) };
         let Some(before) = moments.mean().first().copied() else { return Ok(None) };

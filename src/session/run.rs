@@ -231,10 +231,21 @@ impl<'a> Runner<'a> {
         optimization.leave(self.engine);
         let mut after = None;
         if let (Ok(Flow::Continue), Some((first, last))) = (&flow, optimization.losses()) {
-            let (name, steps) = (optimization.name(), optimization.done());
             let seconds = human_seconds(begun.elapsed().wall);
-            let now = self.loss_now(&optimize.loss)?;
+            let mut now = self.loss_now(&optimize.loss);
+            if let Err(error) = &now
+                && self.report.failed_optimizations == failed_before
+                && error.code != eval::INTERRUPTED
+                && let Ok(told) = optimization.retreat(self.engine, error.clone())
+            {
+                // The last update led where the loss has no value.
+                self.report.failed_optimizations += 1;
+                self.tell(&told);
+                now = self.loss_now(&optimize.loss);
+            }
+            let now = now.ok().flatten();
             after = now;
+            let (name, steps) = (optimization.name(), optimization.done());
             self.report.losses.retain(|(of, _)| of != name);
             self.report.losses.push((name.to_owned(), now.map_or(f64::NAN, |(mean, _)| mean)));
             let last = match now {
@@ -269,11 +280,11 @@ impl<'a> Runner<'a> {
         flow
     }
 
-    /// The loss after the last update, as the mean over seeds that no step has used, with its error; `None` if
-    /// Ctrl-C came first, or where it has no value any more. What it sees is kept.
+    /// The loss after the last update, as the mean over seeds that no step has used, with its error; an error if Ctrl-C came first, or
+    /// where it has no value any more. What it sees is kept.
     fn loss_now(&mut self, loss: &hir::Expr) -> Result<Option<(f64, f64)>, Diagnostic> {
         self.engine.record_images();
-        let Ok(moments) = loss_at(self.engine, loss) else { return Ok(None) };
+        let moments = loss_at(self.engine, loss)?;
         let (mean, error) = (moments.mean().first(), moments.std_error());
         Ok(mean.map(|mean| (*mean, error.first().copied().unwrap_or(0.0))))
     }

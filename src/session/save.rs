@@ -10,6 +10,7 @@ use crate::eval::{self, Names, SceneFile};
 use crate::files::write_atomically;
 use crate::image::file::Clipped;
 use crate::image::{Image, ImageError};
+use crate::memory;
 use crate::natives::value::Value;
 use crate::stop;
 use crate::tape::Tensor;
@@ -46,6 +47,11 @@ fn write_value(value: &Value, ty: &Ty, names: &Names, path: &Path) -> Result<Opt
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
     let written = match extension.as_str() {
         "json" => {
+            // What a value shares with itself is written out each time.
+            memory::ask(eval::json_size(value, memory::limit())).map_err(|shortage| SaveError::Other {
+                message: format!("too large for a `.json` file: {shortage}"),
+                help: "save its parts by themselves".to_owned(),
+            })?;
             let text = format!("{}\n", eval::to_json(value));
             write_atomically(path, text.as_bytes()).map_err(SaveError::Io)
         }

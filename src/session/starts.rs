@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::least_squares::put;
-use super::measure::loss_at;
+use super::measure::loss_if_any;
 use super::optimization::{Memory, Optimization};
 use super::show::plus_minus;
 use crate::check::hir;
@@ -86,7 +86,7 @@ impl Optimization {
         }
         let targets = self.targets();
         let tensors: Vec<Tensor> = targets.iter().map(|t| engine.target_tensor(t)).collect::<Result<_, _>>()?;
-        let moments = loss_at(engine, &self.loss())?;
+        let moments = loss_if_any(engine, &self.loss())?;
         let first = |x: &[f64], or: f64| x.first().copied().unwrap_or(or);
         let (loss, error) = (first(moments.mean(), f64::NAN), first(&moments.std_error(), 0.0));
         let values = tensors.into_iter().map(|t| t.data).collect();

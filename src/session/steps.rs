@@ -11,7 +11,7 @@ use super::stats::Moments;
 use super::world::World;
 use crate::check::hir;
 use crate::diag::{self, Diagnostic};
-use crate::eval::EngineState;
+use crate::eval::{EngineState, INTERRUPTED};
 
 /// An `optimize` of a script between two of its steps.
 pub struct Steps {
@@ -99,8 +99,21 @@ impl Script {
     pub fn finish(&mut self, mut steps: Steps, world: &mut dyn World) -> Result<Optimized> {
         let engine = self.engine_mut()?;
         engine.restore(&steps.state)?;
-        let loss = loss_at(engine, &steps.optimize.loss)?;
         let sources = engine.program().sources.clone();
+        let loss = match loss_at(engine, &steps.optimize.loss) {
+            Err(error) if error.code != INTERRUPTED => {
+                // The last update led where the loss has no value.
+                match steps.optimization.retreat(engine, error) {
+                    Ok(told) if steps.report.failed_optimizations == 0 => {
+                        steps.report.failed_optimizations += 1;
+                        world.diagnostic(&told, &sources);
+                        loss_at(engine, &steps.optimize.loss).unwrap_or_default()
+                    }
+                    _ => Moments::default(),
+                }
+            }
+            loss => loss?,
+        };
         if let Some(told) = steps.optimization.not_taken().filter(|_| steps.report.failed_optimizations == 0) {
             steps.report.failed_optimizations += u64::from(told.is_error());
             world.diagnostic(&told, &sources);

@@ -152,6 +152,17 @@ fn a_run_of_skipped_steps_is_no_success() {
     let (code, text) = run(script, &["--json"]);
     assert_eq!(code, 1, "{text}");
     has(&text, &["\"skipped_steps\":3", "\"failed_optimizations\":1"]);
+    // Steps that led to nothing are not more than those that were taken.
+    let (code, text) = run("param q = 0.5\nloss z = q / 0\noptimize z { steps: 9 }\n", &["--json"]);
+    assert_eq!(code, 1, "{text}");
+    let done: serde_json::Value = text.lines().rev().find_map(|l| serde_json::from_str(l).ok()).expect("an event");
+    assert!(done["skipped_steps"].as_u64() <= done["steps"].as_u64(), "{text}");
+    // A NaN goes through the encoding of sRGB as through everything else.
+    let script = "param q = 0.4\nlet t = to_srgb(image([[0.2]]))\nloss l = mse(to_srgb(image([[q / (q - 0.4)]])), t)\n\
+                  optimize l { steps: 2 }\nprint \"after {q}\", is_nan(from_srgb(0 / 0))\n";
+    let (code, text) = run(script, &[]);
+    assert_eq!(code, 1, "{text}");
+    has(&text, &["all 2 steps of `l` were skipped", "after 0.4", "true"]);
     // Some steps are skipped: said, even to the quiet, and no failure.
     let script = "param q = 0.5\nloss z = (if step == 1 then 0 / 0 else 1) * (q - 1) ^ 2\noptimize z { steps: 4 }\n";
     let (code, text) = run(script, &["--quiet"]);
@@ -257,6 +268,18 @@ fn params_stay_where_their_inputs_are_defined() {
     let (code, text) = run(&script, &[]);
     assert_eq!(code, 0, "{text}");
     has(&text, &["`s` stays from 0 to 1", "`lamp.intensity` stays 0 or more"]);
+}
+
+/// As a step before it would: the script goes on with the params of the last good step.
+#[test]
+fn a_last_step_may_lead_where_the_loss_has_no_value() {
+    let script = "param q = 0.5\ncamera eye { position: [0, 1, 3], look_at: [0, 0, 0], film: [8, 8] }\n\
+                  shape ball { mesh: sphere(subdivisions: 8), material: diffuse(reflectance: q - 0.1) }\nlight e = constant(1)\n\
+                  loss l = mean(render(eye, spp: 4))\noptimize l { using: adam(lr: 0.3), steps: 2 }\n\
+                  save render(eye, spp: 1) to \"a.png\"\nprint \"after {q > 0.19}\"\nexpect q > 0\n";
+    let (code, text) = run(script, &[]);
+    assert_eq!(code, 1, "{text}");
+    has(&text, &["step 1 of `l` moved `q` from 0.2", "at rate 0.3", "after true", "1 of 1 expects hold"]);
 }
 
 #[test]

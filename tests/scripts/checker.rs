@@ -67,6 +67,13 @@ fn a_checked_program_fails_only_for_values() {
     // Script and code of the first error.
     let refused = [
         ("let x = abs(\"a\")", "dscene::type::mismatch"),
+        ("fn f(a): angle = a\nlet x = sin(f(30))", "dscene::type::mismatch"),
+        ("fn f(a): scalar = a\nlet x = sqrt(f(30deg))", "dscene::type::mismatch"),
+        ("fn f(a): mesh = a\nlet x = f(1) |> translate([1, 0, 0])", "dscene::type::mismatch"),
+        ("fn f(a: scalar[]): vec3 = a\nlet x = cross(f([1, 2]), [1, 2, 3])", "dscene::type::mismatch"),
+        ("fn f(a): {a: scalar} = a\nlet x = f({b: 1}).a", "dscene::type::mismatch"),
+        ("fn f(a): (scalar) => scalar = a\nlet x = f(1)(2)", "dscene::type::mismatch"),
+        ("fn f(a: scalar): int = a\nlet x = f(0.5)", "dscene::type::mismatch"),
         ("let x = sqrt(sphere())", "dscene::type::mismatch"),
         ("let x = exp([\"a\"])", "dscene::type::mismatch"),
         ("let x = sum([true, false])", "dscene::type::mismatch"),

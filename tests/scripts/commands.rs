@@ -222,3 +222,35 @@ fn the_library_is_documented_in_the_terminal() {
     assert_code(&wrong, 2);
     assert!(stderr(&wrong).contains("did you mean `blur`?"), "{}", stderr(&wrong));
 }
+
+/// Whatever option an output comes from.
+#[test]
+fn outputs_of_runs_replace_no_input() {
+    let place = Place::new();
+    let script = "print 1\n";
+    place.write("a.dscene", script);
+    let output = place.dsl(&["run", "a.dscene", "--out", "o", "--timings=a.dscene"]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(stderr(&output).contains("the script reads this file"), "{}", stderr(&output));
+    assert_eq!(fs::read_to_string(place.path("a.dscene")).unwrap(), script);
+
+    assert_code(&place.dsl(&["run", "a.dscene", "--out", "old"]), 0);
+    let record = fs::read(place.path("old/run.json")).unwrap();
+    place.write("b.dscene", "print load_json(\"old/run.json\").name\n");
+    let output = place.dsl(&["run", "b.dscene", "--out", "old", "--force"]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(stderr(&output).contains("run.json`: the script reads this file"), "{}", stderr(&output));
+    assert_eq!(fs::read(place.path("old/run.json")).unwrap(), record);
+    assert_code(&place.dsl(&["run", "b.dscene", "--out", "new"]), 0);
+}
+
+/// Two fields that are the same record are written out twice, and theirs four times.
+#[test]
+fn what_grows_when_it_is_written_ends_at_the_budget() {
+    let place = Place::new();
+    let doubled: String = (1..40).map(|i| format!("let a{i} = {{ x: a{0}, y: a{0} }}\n", i - 1)).collect();
+    place.write("a.dscene", format!("let a0 = {{ x: 1, y: 2 }}\n{doubled}save a39 to \"x.json\"\n"));
+    let output = place.dsl(&["run", "a.dscene", "--out", "o", "--memory", "500MB"]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(stderr(&output).contains("too large for a `.json` file"), "{}", stderr(&output));
+}

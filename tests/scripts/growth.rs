@@ -207,6 +207,13 @@ fn on_main_stack<T: Send + 'static>(f: impl FnOnce() -> T + Send + 'static) -> T
     std::thread::Builder::new().stack_size(8 << 20).spawn(f).unwrap().join().unwrap()
 }
 
+/// In seconds and not in hours: each of them once looked at all before it.
+#[test]
+fn many_actions_are_checked() {
+    let text: String = (0..100_000).map(|i| format!("print {i}\n")).collect();
+    assert_eq!(program(&text).actions.len(), 100_000);
+}
+
 #[test]
 fn a_chain_of_50000_declarations_is_checked_and_evaluated() {
     for reversed in [false, true] {

@@ -92,6 +92,34 @@ fn arrays_indices_swizzles_comprehensions() {
 }
 
 #[test]
+fn arrays_of_no_numbers_are_still_numbers() {
+    let none = "let none = [x for x in [3, 4] if x > 5]\nlet points = [[x, 1] for x in [3, 4] if x > 5]\nlet texts = [s for s in [\"a\"] if s != \"a\"]";
+    for (text, expected) in [
+        ("[1, 2] == none", json!(false)),
+        ("none == [1, 2]", json!(false)),
+        ("none != [[1, 2]]", json!(true)),
+        ("none == [x for x in [1] if x > 5]", json!(true)),
+        ("points == [[1, 2]]", json!(false)),
+        ("texts == [s for s in [\"b\"] if s != \"b\"]", json!(true)),
+        ("sqrt(none * 2) + abs(-none)", json!([])),
+        ("[len(none), len(points), sum(none), len(sort(none))]", json!([0, 0, 0, 0])),
+        ("len([x * [1, 2] for x in none])", json!(0)),
+    ] {
+        check(none, text, expected);
+    }
+    check("fn above(xs, least) = [x for x in xs if x > least]", "above([1, 2], 5) == [1, 2]", json!(false));
+}
+
+#[test]
+fn items_are_chosen_and_passed_to_functions_at_once() {
+    let xs = "param xs = [-1, 0.5, 2, 3]";
+    check(xs, "[where(x > 1, x ^ 2, 1) for x in xs]", json!([1, 1, 4, 9]));
+    check(xs, "grad(sum([where(x > 1, x ^ 2, 1) for x in xs]), xs)", json!([0, 0, 4, 6]));
+    check(xs, "[(y => y * y + x)(x + 1) for x in xs]", json!([-1, 2.75, 11, 19]));
+    check(xs, "grad(sum([(y => y * y)(x) for x in xs]), xs)", json!([-2, 1, 4, 6]));
+}
+
+#[test]
 fn functions_lambdas_pipes_strings() {
     check("fn twice(x, k = 2) = x * k", "3 |> twice()", json!(6));
     check("fn twice(x, k = 2) = x * k", "twice(3, k: 5)", json!(15));
@@ -125,6 +153,28 @@ fn with_replaces_what_it_reaches_and_nothing_else() {
         "eye.film with { eye.film: [2, 2] }",
         json!([2, 2]),
     );
+}
+
+#[test]
+fn with_keeps_fields_where_they_have_a_meaning() {
+    let scene = "let dark = -0.5\nshape ball { mesh: sphere(), material: diffuse(reflectance: 0.5) }\nlight e = constant(1)\nlet r = ball.material.reflectance\nlet l = e.radiance";
+    check(scene, "r with { ball.material.reflectance: 0.25 }", json!(0.25));
+    let mut e = engine(scene);
+    for (text, part) in [
+        ("r with { ball.material.reflectance: dark }", "`reflectance` must be from 0 to 1, this is -0.5"),
+        ("l with { e.radiance: dark }", "`radiance` must be 0 or more, this is -0.5"),
+    ] {
+        let Err(refused) = try_eval(&mut e, text) else { panic!("{text} has a value") };
+        assert_eq!((refused.code, refused.message.as_str()), ("dscene::run::value", part), "{text}");
+    }
+    for (text, part) in [
+        ("print r with { ball.material.reflectance: 5 }", "`reflectance` of `diffuse` must be from 0 to 1"),
+        ("print l with { e.radiance: [0, -1, 0] }", "`radiance` of `constant` must be 0 or more"),
+    ] {
+        let checked = check::check_text("t", None, format!("{scene}\n{text}\n"), &[], &Disk);
+        let [told] = &checked.diagnostics[..] else { panic!("{text}: {:?}", checked.diagnostics) };
+        assert_eq!((told.code, told.message.as_str()), ("dscene::value::range", part), "{text}");
+    }
 }
 
 #[test]

@@ -19,7 +19,7 @@ impl Triangulator {
     /// its mean normal. With fewer than three corners there are none.
     pub fn cut(&mut self, corners: &[Vec3], mut give: impl FnMut([usize; 3])) {
         let n = corners.len();
-        if n > 3 && self.project(corners) && !is_convex(&self.flat) {
+        if n > 3 && self.project(corners) && !is_convex(&self.flat) && !winds_again(&self.flat) {
             self.ears.earcut(self.flat.iter().copied(), &[], &mut self.cut);
             if !self.cut.is_empty() {
                 for t in self.cut.chunks_exact(3) {
@@ -79,6 +79,19 @@ fn is_convex(p: &[[f64; 2]]) -> bool {
     reversals <= 2
 }
 
+/// Whether a long polygon comes back to its own corners over and over, and so has no inside: the time of ear clipping would grow with the
+/// cube of its length. (One that goes along a bridge to a hole and back passes few corners twice.)
+fn winds_again(p: &[[f64; 2]]) -> bool {
+    const LONG: usize = 64;
+    if p.len() < LONG {
+        return false;
+    }
+    let mut places: Vec<[u64; 2]> = p.iter().map(|c| c.map(|x| (x + 0.0).to_bits())).collect();
+    places.sort_unstable();
+    places.dedup();
+    2 * places.len() < p.len()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -126,6 +139,11 @@ mod tests {
         assert_eq!(area(&[Vec3::ONE; 2]).1, 0);
         let nothing = [Vec3::NAN, Vec3::ONE, Vec3::ZERO, Vec3::X];
         Triangulator::new().cut(&nothing, |_| {});
+        // Around one triangle three thousand times.
+        let again: Vec<Vec3> = [Vec3::ZERO, Vec3::X, Vec3::Y].into_iter().cycle().take(9_000).collect();
+        let mut count = 0;
+        Triangulator::new().cut(&again, |_| count += 1);
+        assert_eq!(count, again.len() - 2);
     }
 
     #[test]

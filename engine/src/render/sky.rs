@@ -81,21 +81,22 @@ impl Sky {
         // Of the ground: the sum over the sky's solid angles, and the sun.
         let facing = if self.sun[1].value > 0.0 { self.sun[1] } else { Number::constant(0.0) };
         let mut irradiance = self.sun_irradiance().map(|e| e * facing);
-        for y in 0..height {
+        // Directions of a row are equally high.
+        let is_sky_row = |y: usize| is_sky(direction(0, y));
+        for y in (0..height).filter(|&y| is_sky_row(y)) {
+            stop::check();
             let (upper, lower) = (PI * y as f64 / height as f64, PI * (y + 1) as f64 / height as f64);
             // The integral of the cosine over the row's solid angle.
             let weight = 0.5 * (lower.sin().powi(2) - upper.sin().powi(2)) * 2.0 * PI / width as f64;
-            for x in (0..width).filter(|&x| is_sky(direction(x, y))) {
+            for x in 0..width {
                 for (sum, radiance) in irradiance.iter_mut().zip(map[y * width + x]) {
                     *sum = *sum + radiance * weight;
                 }
             }
         }
         let ground = irradiance.map(|e| e * FRAC_1_PI);
-        for (i, pixel) in map.iter_mut().enumerate() {
-            if !is_sky(direction(i % width, i / width)) {
-                *pixel = ground;
-            }
+        for y in (0..height).filter(|&y| !is_sky_row(y)) {
+            map[y * width..(y + 1) * width].fill(ground);
         }
         map
     }
