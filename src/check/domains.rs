@@ -110,7 +110,7 @@ pub fn misplaced(program: &Program, roots: &[&Expr]) -> Vec<Diagnostic> {
     out
 }
 
-/// The numbers that are written in an expression which is made of them alone.
+/// The numbers that are written as an expression, or as elements of an array.
 fn literals(e: &Expr, out: &mut Vec<f64>) {
     match &e.kind {
         ExprKind::Number(x) | ExprKind::Angle(x) => out.push(*x),

@@ -257,10 +257,13 @@ impl<'l> Checker<'l> {
         };
         if self.diagnostics.errors() == 0 {
             self.diagnostics.extend(super::flow::check(&program, self.quiet));
-            self.diagnostics.extend(super::domains::misplaced(&program, &super::lints::roots(&program)));
         }
         if self.quiet {
             return (program, self.diagnostics.into_all(), self.sources);
+        }
+        // Not for each line of the REPL: it looks at the whole program.
+        if self.diagnostics.errors() == 0 {
+            self.diagnostics.extend(super::domains::misplaced(&program, &super::lints::roots(&program)));
         }
         if self.diagnostics.errors() == 0 {
             self.diagnostics.extend(lints::check(&program, self.loader));
