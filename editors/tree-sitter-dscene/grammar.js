@@ -291,7 +291,16 @@ module.exports = grammar({
     entry: ($) =>
       prec(1, choice(seq(field("name", $.identifier), ":", field("value", $._expression)), field("name", $.identifier))),
     array: ($) =>
-      seq("[", optional(seq($._expression, choice(repeat1($.for), seq(repeat(seq(",", $._expression)), optional(","))))), "]"),
+      seq(
+        "[",
+        optional(
+          choice(
+            seq($.block, repeat1($.for)),
+            seq($._expression, choice(repeat1($.for), seq(repeat(seq(",", $._expression)), optional(",")))),
+          ),
+        ),
+        "]",
+      ),
     for: ($) =>
       seq(
         "for",

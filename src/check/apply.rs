@@ -2,12 +2,10 @@
 
 use std::sync::Arc;
 
-use super::arguments::Arguments;
 use super::call::{Given, MAX_CALL_DEPTH, Site, plural};
 use super::hir::{self, Callee, DeclId, ExprKind};
 use super::infer::{Typed, join, typed};
 use super::modules::{Checker, Instance, Signature, State};
-use super::results;
 use super::signature::{Const, Function, FunctionKey, Sig};
 use super::types::Ty;
 use crate::diag::{Diagnostic, Label};
@@ -195,6 +193,25 @@ impl Checker<'_> {
         }
     }
 
+    /// A function for a parameter whose functions give colours: where it gives a number, that is spread, as an argument is.
+    pub fn giving_colours(&mut self, sig: &Sig, function: Typed) -> Typed {
+        let (Sig::Fn(params, result), Ty::Fn(_, gives)) = (sig, &function.expr.ty) else { return function };
+        if **result != Sig::Color || **gives == Ty::vector(3) {
+            return function;
+        }
+        let (span, types) = (function.expr.span, params.iter().map(Sig::ty).collect::<Vec<Ty>>());
+        let (depth, gives) = (self.locals.len(), (**gives).clone());
+        let locals: Vec<hir::LocalId> = types.iter().map(|ty| self.new_local("", ty.clone(), None)).collect();
+        self.locals.truncate(depth);
+        let args = locals.iter().zip(&types);
+        let args = args.map(|(local, ty)| Some(typed(ExprKind::Local(*local), span, ty.clone()).expr)).collect();
+        let call = hir::Call { callee: Callee::Value(function.expr), args, given: vec![true; types.len()] };
+        let number = typed(ExprKind::Call(Box::new(call)), span, gives).expr;
+        let body = typed(ExprKind::Broadcast { value: Box::new(number), shape: vec![3] }, span, Ty::vector(3)).expr;
+        let lambda = ExprKind::Lambda(Arc::new(hir::Lambda { params: locals, body }));
+        typed(lambda, span, Ty::Fn(types, Box::new(Ty::vector(3))))
+    }
+
     /// The result type of a known function value for these arguments, one for each parameter.
     fn applied(&mut self, function: &Arc<Function>, args: &[Typed], callee: Span, span: Span) -> (Ty, Option<Const>) {
         match &**function {
@@ -269,13 +286,7 @@ impl Checker<'_> {
             return (Ty::Error, None);
         }
         match self.slot(id).hir.kind {
-            hir::DeclKind::Native(_) => {
-                self.check_native(id, &mut found);
-                self.check_domains(&signature, &found, site);
-                self.check_lengths(&signature, &found, site);
-                let args = Arguments::new(&signature, &found);
-                (results::native(&name, args, &bound), results::known(&name, args))
-            }
+            hir::DeclKind::Native(_) => self.native_result(id, &signature, &mut found, &bound, site),
             _ => {
                 self.check_domains(&signature, &found, site);
                 self.check_lengths(&signature, &found, site);
@@ -339,6 +350,7 @@ impl Checker<'_> {
         let small = |c: &Const| match c {
             Const::List(items) => !many && items.len() <= 16,
             Const::Record(_) => !many && c.size() <= 64,
+            Const::Made(_) => false,
             _ => !many,
         };
         args.map(|a| a.map(|a| (a.expr.ty.clone(), a.value.clone().filter(small)))).collect()

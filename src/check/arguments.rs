@@ -22,11 +22,16 @@ impl<'a> Arguments<'a> {
 
     /// The argument with a name, if the call gives it.
     pub fn get(&self, name: &str) -> Option<&'a Typed> {
-        self.found.get(self.index(name)?)?.as_ref()
+        self.at(self.index(name)?)
+    }
+
+    /// The argument of the parameter with an index, if the call gives it.
+    pub fn at(&self, index: usize) -> Option<&'a Typed> {
+        self.found.get(index)?.as_ref()
     }
 
     pub fn first(&self) -> Option<&'a Typed> {
-        self.found.first()?.as_ref()
+        self.at(0)
     }
 
     /// All arguments that the call gives, in the order of the parameters.

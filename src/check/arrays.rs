@@ -415,6 +415,16 @@ impl Checker<'_> {
                 return broken(span);
             }
         }
+        if let Some((first, last)) = n.and_then(|n| known(0, n, 0).zip(known(1, n, n)))
+            && let Some(place) = ends[1].as_ref().map(|t| t.expr.span).filter(|_| first > last + usize::from(inclusive))
+        {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::index", format!("a slice from {first} to {last} goes backwards"))
+                    .label(place, "ends before it begins")
+                    .help("the first index comes first; `sort(xs, descending: true)` turns an order around"),
+            );
+            return broken(span);
+        }
         let count = n.and_then(|n| {
             let (a, b) = (known(0, n, 0)?, known(1, n, n)? + usize::from(inclusive && ends[1].is_some()));
             Some(b.min(n).saturating_sub(a))

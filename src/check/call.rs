@@ -7,7 +7,7 @@ use super::hir::{self, Callee, DeclId, DerivativeKind, ExprKind};
 use super::infer::{Typed, typed};
 use super::modules::{Checker, SigParam, Signature, State};
 use super::results;
-use super::signature::{Sig, fits};
+use super::signature::{Const, Sig, fits};
 use super::types::Ty;
 use crate::diag::Diagnostic;
 use crate::source::Span;
@@ -189,12 +189,7 @@ impl Checker<'_> {
         let (ty, value) = if failed {
             (signature.result.as_ref().map_or(Ty::Error, |r| unknown_as_error(r.ty())), None)
         } else if native {
-            self.check_native(id, &mut found);
-            self.check_domains(&signature, &found, site);
-            self.check_lengths(&signature, &found, site);
-            let name = self.slot(id).name.text.as_str();
-            let args = Arguments::new(&signature, &found);
-            (results::native(name, args, &bound), results::known(name, args))
+            self.native_result(id, &signature, &mut found, &bound, site)
         } else {
             self.check_domains(&signature, &found, site);
             self.check_lengths(&signature, &found, site);
@@ -204,7 +199,7 @@ impl Checker<'_> {
         for (i, arg) in found.into_iter().enumerate() {
             args.push(match arg {
                 Some(arg) => Some(arg.expr),
-                None if native => self.native_default(id, i),
+                None if native => self.native_default(id, i).map(|default| default.expr),
                 None => None,
             });
         }
@@ -330,8 +325,31 @@ impl Checker<'_> {
         self.diagnostics.push(diagnostic.help(help));
     }
 
+    /// The type of what a native gives for arguments of fitting types, and its value, if that is known. Values that it does not take are told.
+    pub fn native_result(
+        &mut self,
+        id: DeclId,
+        signature: &Signature,
+        found: &mut [Option<Typed>],
+        bound: &[(char, usize, Ty)],
+        site: Site,
+    ) -> (Ty, Option<Const>) {
+        let errors = self.error_count();
+        self.check_native(id, found);
+        self.check_domains(signature, found, site);
+        self.check_lengths(signature, found, site);
+        let name = self.slot(id).name.text.as_str();
+        let args = Arguments::new(signature, found);
+        let (ty, value) = (results::native(name, args, bound), results::known(name, args));
+        if value.is_some() || self.error_count() > errors {
+            return (ty, value);
+        }
+        let value = self.ask_native(id, found, &ty, site);
+        (ty, value)
+    }
+
     /// The default of a native's parameter; `None` for `= none`.
-    pub fn native_default(&mut self, id: DeclId, index: usize) -> Option<hir::Expr> {
+    pub fn native_default(&mut self, id: DeclId, index: usize) -> Option<Typed> {
         let statement = self.slot(id).statement.clone();
         let StatementKind::Fn(f) = &statement.kind else { return None };
         let default = f.params.get(index)?.default.as_ref()?;
@@ -345,7 +363,7 @@ impl Checker<'_> {
         let typed = self.coerce(&sig, typed);
         self.module = module;
         self.locals = locals;
-        Some(typed.expr)
+        Some(typed)
     }
 
     pub fn error_count(&self) -> usize {

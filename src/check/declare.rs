@@ -138,6 +138,9 @@ impl Checker<'_> {
 
     /// Spreads a scalar over a declared `color`, and combines the declared type with what is known about the value.
     pub fn coerce(&mut self, sig: &Sig, mut typed: Typed) -> Typed {
+        if matches!(sig, Sig::Fn(..)) {
+            return self.giving_colours(sig, typed);
+        }
         if let Some(shape) = sig.spread(&typed.expr.ty) {
             let span = typed.expr.span;
             let ty = Ty::Num(shape.iter().map(|n| Some(*n)).collect());

@@ -42,7 +42,7 @@ impl Checker<'_> {
                 Some(repeats) => Some(self.setting_of(id, "repeats", repeats, site)),
                 None => {
                     let at = signature.params.iter().position(|p| p.name == "repeats");
-                    at.and_then(|at| self.native_default(id, at))
+                    at.and_then(|at| self.native_default(id, at)).map(|default| default.expr)
                 }
             },
         };

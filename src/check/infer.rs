@@ -310,7 +310,7 @@ impl Checker<'_> {
         };
         let condition =
             if test.expr.ty == Ty::Bool || test.expr.ty.is_unknown() { test.expr } else { self.condition(condition) };
-        let (then, otherwise) = (self.expr(then, wanted), self.expr(otherwise, wanted));
+        let (then, otherwise) = (self.branch(then, known, wanted), self.branch(otherwise, known.map(|k| !k), wanted));
         let ty = match join(&then.expr.ty, &otherwise.expr.ty) {
             Some(ty) => ty,
             None => {
@@ -333,6 +333,26 @@ impl Checker<'_> {
             otherwise: Box::new(otherwise.expr),
         };
         Typed { value, ..typed(kind, span, ty) }
+    }
+
+    /// A branch of an `if`, of which it may be known whether it is taken. A condition often guards against the very numbers for which a branch
+    /// has no value: `if len(xs) > 2 then xs[2] else 0`. So of a branch that is not taken no number is refused, nor is one that a function is
+    /// called with where only the run knows the condition.
+    fn branch(&mut self, branch: &ast::Expr, taken: Option<bool>, wanted: Option<&Sig>) -> Typed {
+        let in_call = self.nested > 0;
+        match taken {
+            // The body was checked where the function is declared; for this call its other branch says what it gives.
+            Some(false) if in_call => Typed { expr: error_expr(branch.span), value: None },
+            Some(true) => self.expr(branch, wanted),
+            None if !in_call => self.expr(branch, wanted),
+            _ => {
+                let before = self.diagnostics.len();
+                let typed = self.expr(branch, wanted);
+                let is_of_numbers = |code: &str| code.starts_with("dscene::value::") || code == "dscene::type::index";
+                self.diagnostics.retain_since(before, |told| !is_of_numbers(told.code));
+                typed
+            }
+        }
     }
 
     fn lambda(&mut self, params: &[ast::Name], body: &ast::Expr, span: Span, wanted: Option<&Sig>) -> Typed {

@@ -31,6 +31,21 @@ impl DiagnosticLog {
         self.extend(all);
     }
 
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        self.all.len()
+    }
+
+    /// Takes back what was reported after the first `from` and is not to be kept.
+    pub fn retain_since(&mut self, from: usize, mut keep: impl FnMut(&Diagnostic) -> bool) {
+        let later = self.all.split_off(from);
+        self.errors -= later.iter().filter(|d| d.is_error()).count();
+        if self.indexed > from {
+            (self.indexed, self.places) = (0, HashSet::new());
+        }
+        self.extend(later.into_iter().filter(|d| keep(d)));
+    }
+
     /// Number of errors.
     pub fn errors(&self) -> usize {
         self.errors

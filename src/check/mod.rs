@@ -8,6 +8,7 @@ mod apply;
 mod arguments;
 mod arith;
 mod arrays;
+mod asked;
 mod call;
 mod camera;
 mod counts;

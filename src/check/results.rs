@@ -426,7 +426,7 @@ fn followed(ty: Ty) -> Ty {
     if ty.parts() > MAX_PARTS { Ty::Any } else { ty }
 }
 
-/// The value of a native, as far as it is known before the program runs.
+/// The value of a native, where it is known from other things than the values of all its arguments.
 pub fn known(name: &str, args: Arguments) -> Option<Const> {
     let first = args.first()?;
     match name {
@@ -446,13 +446,6 @@ pub fn known(name: &str, args: Arguments) -> Option<Const> {
             Some(Const::List((0..n).map(|i| Const::List(lists.iter().map(|l| l[i].clone()).collect())).collect()))
         }
         "len" => item_of(&first.expr.ty).and_then(|(_, n)| n).map(|n| Const::Num(n as f64)),
-        "floor" => Some(Const::Num(first.value.as_ref()?.number()?.floor())),
-        "round" => Some(Const::Num(first.value.as_ref()?.number()?.round())),
-        "sqrt" => Some(Const::Num(first.value.as_ref()?.number()?.sqrt())),
-        "min" | "max" => {
-            let (a, b) = (args.number("a")?, args.number("b")?);
-            Some(Const::Num(if name == "min" { a.min(b) } else { a.max(b) }))
-        }
         _ => None,
     }
 }

@@ -2,10 +2,11 @@
 
 use super::arguments::Arguments;
 use super::arith::{broadcast, image_sizes, together};
+use super::hir::{Expr, ExprKind};
 use super::infer::{Typed, item_of};
 use super::modules::Checker;
 use super::results::rank;
-use super::signature::{Const, dims_agree};
+use super::signature::{self, Const, dims_agree};
 use super::types::{Dim, Ty};
 use crate::diag::Diagnostic;
 
@@ -44,6 +45,8 @@ impl Checker<'_> {
                 let text = args.ty("x").is_some_and(|ty| *ty == Ty::Str);
                 args.get("x").filter(|_| !text).into_iter().for_each(|list| self.check_items(name, list));
             }
+            "luminance" => self.check_colour(args.get("x")),
+            "log_normal_distribution" => self.check_pair(name, args.get("median"), args.get("sd")),
             "sort" | "normalize" => self.check_not_one(name, args.get("x")),
             "pad" => self.check_margin(args),
             "colormap" => self.check_false_colours(args),
@@ -73,6 +76,18 @@ impl Checker<'_> {
                 Diagnostic::error("dscene::type::shape", message)
                     .label(numbers.expr.span, format!("this is `{}`", numbers.expr.ty))
                     .help("for instance `[[0, 1], [1, 0]]`"),
+            );
+        }
+    }
+
+    /// Checks that an image is grey or has colours.
+    fn check_colour(&mut self, image: Option<&Typed>) {
+        let Some(image) = image else { return };
+        if let Ty::Image { channels: Some(2), .. } = image.expr.ty {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::shape", "an image of two channels has no brightness")
+                    .label(image.expr.span, format!("this is `{}`", image.expr.ty))
+                    .help("a brightness is that of three channels, or of one; `.r` takes the first"),
             );
         }
     }
@@ -288,7 +303,9 @@ impl Checker<'_> {
         }
         let image = |ty: &Ty| matches!(ty, Ty::Image { .. });
         let Some(b) = b else {
-            if item_of(&a.expr.ty).is_none() || matches!(&a.expr.ty, Ty::Num(shape) if shape.len() < 2) {
+            let item = item_of(&a.expr.ty).map(|(item, _)| item);
+            let is_joined = |item: &Ty| item.is_unknown() || image(item) || item_of(item).is_some();
+            if !item.is_some_and(|item| is_joined(&item)) {
                 self.refuse_parts("a list of arrays or images is joined", &parts, "for instance `concat([a, b, c])`");
             }
             return;
@@ -347,6 +364,19 @@ impl Checker<'_> {
             };
         if !fine {
             self.refuse_parts("`stack` takes images or arrays of one shape", &[items], "for instance `stack([a, b])`");
+            return;
+        }
+        // What is written side by side has sizes of its own, which the type of the list has not.
+        let ExprKind::Array(written) = &items.expr.kind else { return };
+        let differs = |other: &&Expr| !written.first().is_some_and(|first| signature::fits(&first.ty, &other.ty));
+        if let (Some(first), Some(other)) = (written.first(), written.iter().find(differs)) {
+            let size = |ty: &Ty| image_sizes(ty).unwrap_or_else(|| format!("`{ty}`"));
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::shape", "`stack` takes images or arrays of one shape")
+                    .label(other.span, format!("this is {}", size(&other.ty)))
+                    .label(first.span, format!("this is {}", size(&first.ty)))
+                    .help("`resize`, `crop` and `pad` make images of one size"),
+            );
         }
     }
 

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use super::hir::DeclId;
 use super::modules::{Local, ModuleId};
 use super::types::{Dim, Ty};
+use crate::natives::value::Value;
 use crate::syntax::ast;
 
 #[derive(Clone, Debug, PartialEq)]
@@ -43,6 +44,24 @@ pub enum Const {
     /// The fields whose values are known.
     Record(Vec<(String, Const)>),
     Function(Arc<Function>),
+    /// Something of the engine that natives have made of known numbers, such as a material.
+    Made(Made),
+}
+
+#[derive(Clone)]
+pub struct Made(pub Value);
+
+impl fmt::Debug for Made {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.0.kind())
+    }
+}
+
+impl PartialEq for Made {
+    /// Nobody compares what they are made of: what depends on such a value is not shared between two of them.
+    fn eq(&self, _: &Made) -> bool {
+        false
+    }
 }
 
 /// A function value whose body is known, so that the result type of a call is too.
@@ -105,7 +124,7 @@ impl Const {
                 let items: Vec<String> = items.iter().map(Const::shown).collect::<Option<_>>()?;
                 format!("[{}]", items.join(", "))
             }
-            Const::List(_) | Const::Record(_) | Const::Function(_) => return None,
+            Const::List(_) | Const::Record(_) | Const::Function(_) | Const::Made(_) => return None,
         };
         (text.len() <= LONGEST).then_some(text)
     }

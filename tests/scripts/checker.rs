@@ -494,8 +494,7 @@ fn names_with_an_underscore_stay_in_their_file() {
 #[test]
 fn what_fails_inside_the_library_is_shown_at_the_call() {
     // The sizes are known only when the sum is.
-    let script =
-        "let n = floor(sum([1, 1]))\nlet a = [i for i in 0..n]\nlet b = [i for i in 0..n + 1]\nlet x = mse(a, b)";
+    let script = "let n = round(2 + 0 * sum(noise([1])))\nlet a = [i for i in 0..n]\nlet b = [i for i in 0..n + 1]\nlet x = mse(a, b)";
     let Checked { program, diagnostics, sources, .. } = checked(script);
     let program = program.unwrap_or_else(|| panic!("{diagnostics:#?}"));
     let mut line = program.clone();
@@ -570,4 +569,87 @@ fn arguments_in_each_others_place_are_told_once() {
         let [one] = &found[..] else { panic!("{line}: {found:#?}") };
         assert!(one.helps[0].contains(help), "{line}: {one:#?}");
     }
+}
+
+/// Natives are asked before the run what they make of values that are known by then.
+#[test]
+fn what_a_native_does_not_take_is_told_before_the_run() {
+    const REFUSED: &str = "dscene::value::refused";
+    let refused = [
+        ("let x = look_at([0, 0, 1], [0, 0, 1])", REFUSED),
+        ("let p = [0, 0, 1]\nlet x = look_at(p, 2 * p - p)", REFUSED),
+        ("let x = conductor(eta: [1, 1, 1])", REFUSED),
+        ("let x = merge([])", REFUSED),
+        ("let x = montage([])", REFUSED),
+        ("let x = heightfield([[1, 2, 3]])", REFUSED),
+        ("let x = image([])", REFUSED),
+        ("let x = sum([[1, 2], [3, 4]], axis: [0, 0])", REFUSED),
+        ("let x = mesh(vertices: [[0, 0, 0], [1, 0, 0], [0, 1, 0]], faces: [[0, 1, 3]])", REFUSED),
+        ("let x = sqrt(-1)", REFUSED),
+        ("let n = 3\nlet x = log(n - 4)", REFUSED),
+        ("let x = acos(1.5)", REFUSED),
+        ("let x = inverse([[1, 2], [2, 4]])", REFUSED),
+        ("let x = quaternion(0, 0, 0, 0)", REFUSED),
+        ("let x = directional(direction: [0, 0, 0])", REFUSED),
+        ("let x = rotation(axis: [0, 0, 0], angle: 3deg)", REFUSED),
+        ("let x = brushed(diffuse(), anisotropy: 0.5)", REFUSED),
+        ("let base = mirror()\nlet x = coated(base)", REFUSED),
+        ("let x = normal_map(normal_map(diffuse(), [0.5, 0.5, 1]), [0.5, 0.5, 1])", REFUSED),
+        ("let x = linspace(0, 1, -1)", "dscene::value::range"),
+        ("let x = pad(image([[1]]), left: -1)", "dscene::value::range"),
+        ("let x = subdivide(sphere(), 99)", "dscene::value::range"),
+        ("let x = [1, 2, 3][2..1]", "dscene::type::index"),
+        ("let x = concat([10deg, 20deg])", "dscene::type::shape"),
+        ("let x = concat([sphere()])", "dscene::type::shape"),
+        ("let x = stack([image([[1, 2]]), image([[1], [2]])])", "dscene::type::shape"),
+        ("let x = luminance(image([[[1, 2]]]))", "dscene::type::shape"),
+        ("let x = log_normal_distribution([1, 2], [1, 2, 3])", "dscene::type::shape"),
+    ];
+    let script = |(text, code): (&str, &'static str)| (text.to_owned(), code);
+    refused_for(&refused.into_iter().map(script).collect::<Vec<_>>());
+    let told = &errors("let x = 1 + sqrt(2 - 3)")[0];
+    assert_eq!(told.message, "the square root of -1 is not a real number");
+    assert_eq!(told.span().map(|span| (span.start, span.end)), Some((17, 22)), "{told:?}");
+    // What they give is known too.
+    assert_eq!(errors("let n = floor(sqrt(17))\nlet x = [1, 2, 3][n]")[0].code, "dscene::type::index");
+    let film =
+        "let side = round(20 * cos(60deg))\ncamera eye { film: [side, side] }\nlet x = alpha(eye) + image([[1, 2]])";
+    assert_eq!(errors(film)[0].code, "dscene::type::shape");
+}
+
+/// A branch that is not taken may be one without a value: conditions guard against that.
+#[test]
+fn conditions_guard_against_values_without_meaning() {
+    let guarded = "fn third(xs: scalar[]) = if len(xs) > 2 then xs[2] else 0\n\
+        fn root(x: scalar) = if x < 0 then 0 else sqrt(x)\n\
+        fn dull(r: scalar) = if r > 1 then diffuse(1) else diffuse(r)\n\
+        fn along(v: vec3, wanted: bool) = if wanted then normalize(v) else v\n\
+        fn of(g: (scalar) => color): scalar = g(0.5).r + g(0.25).g\n";
+    let cases = [
+        ("third([1, 2])", json!(0)),
+        ("third([1, 2, 3])", json!(3)),
+        ("root(-4)", json!(0)),
+        ("root(4)", json!(2)),
+        ("dull(2).reflectance.r", json!(1)),
+        ("dull(0.25).reflectance.g", json!(0.25)),
+        ("along([0, 0, 0], 1 > 2)", json!([0, 0, 0])),
+        ("if 1 > 2 then sqrt(-1) else 7", json!(7)),
+        ("[if i > 0 then log(i) else 0 for i in 0..2]", json!([0, 0])),
+        // A function that gives a number where one that gives a colour is wanted gives grey.
+        ("of(x => x)", json!(0.75)),
+        ("of(x => [x, 2 * x, 0])", json!(1)),
+        ("of(sqrt)", json!(0.5f64.sqrt() + 0.5)),
+        ("diffuse([0.1, 0.2, 0.3]).reflectance.b", json!(0.3)),
+    ];
+    for (text, wanted) in cases {
+        close(&value(guarded, text), &wanted, text);
+    }
+    // Whether it is taken, only the run knows; the number is the caller's, and may be guarded by what he asks.
+    assert_eq!(
+        errors("fn f(v: vec3, w: bool) = if w then normalize(v) else v\nparam p = 1\nlet x = f([0, 0, 0], p > 2)")
+            .len(),
+        0
+    );
+    // What a function says by itself is wrong in any call.
+    assert_eq!(errors("fn f(w: bool) = if w then sqrt(-1) else 0")[0].code, "dscene::value::refused");
 }

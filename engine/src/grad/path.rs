@@ -46,13 +46,31 @@ pub struct PathVertex {
     out: Span,
 }
 
+impl PathVertex {
+    /// A place for a vertex.
+    const UNUSED: PathVertex = PathVertex {
+        si: SurfaceInteraction::NOWHERE,
+        throughput: Vec3::ZERO,
+        through: MaskWeight::CLEAR,
+        body: None,
+        t: 0.0,
+        connection: None,
+        continuation: None,
+        incoming: (0, 0),
+        to_light: (0, 0),
+        out: (0, 0),
+    };
+}
+
 /// A range of a path's crossings.
 type Span = (u32, u32);
 
 /// A recorded path, whose memory is reused from sample to sample.
 #[derive(Clone, Debug, Default)]
 pub struct Path {
-    pub vertices: Vec<PathVertex>,
+    /// Those of this path, and behind them some of earlier paths: a vertex is large, and is written where it stays.
+    slots: Vec<PathVertex>,
+    count: usize,
     /// Masks passed, segment by segment. Those of the last segment may not belong to a vertex yet.
     pub crossings: Vec<MaskCrossing>,
     taken: u32,
@@ -60,9 +78,17 @@ pub struct Path {
 
 impl Path {
     pub fn clear(&mut self) {
-        self.vertices.clear();
+        self.count = 0;
         self.crossings.clear();
         self.taken = 0;
+    }
+
+    pub fn vertices(&self) -> &[PathVertex] {
+        &self.slots[..self.count]
+    }
+
+    fn last_vertex(&mut self) -> Option<&mut PathVertex> {
+        self.slots[..self.count].last_mut()
     }
 
     fn crossings(&self, (from, to): Span) -> &[MaskCrossing] {
@@ -71,7 +97,7 @@ impl Path {
 
     /// Whether a path passes smooth glass before its vertex `k`.
     pub fn is_behind_glass(&self, k: usize) -> bool {
-        self.vertices[..k].iter().any(|v| matches!(v.si.bsdf, Bsdf::Dielectric(_)))
+        self.vertices()[..k].iter().any(|v| matches!(v.si.bsdf, Bsdf::Dielectric(_)))
     }
 
     /// Takes the masks of the latest segment.
@@ -84,22 +110,21 @@ impl Path {
 impl Recorder for Path {
     fn vertex(&mut self, si: &SurfaceInteraction, throughput: Vec3, t: f32, through: &MaskWeight) {
         let incoming = self.take_crossings();
-        self.vertices.push(PathVertex {
-            si: *si,
-            throughput,
-            through: *through,
-            body: None,
-            t,
-            connection: None,
-            continuation: None,
-            incoming,
-            to_light: (0, 0),
-            out: (0, 0),
-        });
+        if self.count == self.slots.len() {
+            self.slots.push(PathVertex::UNUSED);
+        }
+        let v = &mut self.slots[self.count];
+        self.count += 1;
+        v.si = *si;
+        v.throughput = throughput;
+        v.through = *through;
+        (v.body, v.t) = (None, t);
+        (v.connection, v.continuation) = (None, None);
+        (v.incoming, v.to_light, v.out) = (incoming, (0, 0), (0, 0));
     }
 
     fn absorbed(&mut self, body: u32) {
-        if let Some(v) = self.vertices.last_mut() {
+        if let Some(v) = self.last_vertex() {
             v.body = Some(body);
         }
     }
@@ -114,7 +139,7 @@ impl Recorder for Path {
 
     fn connect(&mut self, connection: &Connection) {
         let to_light = self.take_crossings();
-        if let Some(v) = self.vertices.last_mut() {
+        if let Some(v) = self.last_vertex() {
             v.connection = Some(*connection);
             v.to_light = to_light;
         }
@@ -122,7 +147,7 @@ impl Recorder for Path {
 
     fn advance(&mut self, continuation: &Continuation) {
         let out = if continuation.escaped.is_some() { self.take_crossings() } else { (0, 0) };
-        if let Some(v) = self.vertices.last_mut() {
+        if let Some(v) = self.last_vertex() {
             v.continuation = Some(*continuation);
             v.out = out;
         }
@@ -132,9 +157,9 @@ impl Recorder for Path {
 /// The weight with which the emission of a vertex slides over its surface: seen by the camera, through an attached direction, or from a
 /// surface that it touches or that is seen by way of glass. `None` where the emitting point is fixed to its surface.
 fn sliding_emission(scene: &Scene, path: &Path, k: usize) -> Option<f32> {
-    let Some(before) = k.checked_sub(1).map(|i| &path.vertices[i]) else { return Some(1.0) };
+    let Some(before) = k.checked_sub(1).map(|i| &path.vertices()[i]) else { return Some(1.0) };
     let behind_glass = scene.has_glass && path.is_behind_glass(k - 1);
-    let (c, here) = (before.continuation.as_ref()?, path.vertices.get(k)?);
+    let (c, here) = (before.continuation.as_ref()?, path.vertices().get(k)?);
     let slides = behind_glass || c.lobe.is_delta() || c.attached || scene.touch(before.si.prim, here.si.prim);
     slides.then_some(c.emission_weight)
 }
@@ -152,7 +177,7 @@ pub struct Injection {
 /// Propagates a derivative that enters a path at one of its vertices back to the path's first ray.
 pub fn inject(out: &mut Adjoints, path: &Path, injection: &Injection) -> RayAdjoint {
     let mut ray = RayAdjoint::default();
-    for (k, v) in path.vertices[..=injection.vertex].iter().enumerate().rev() {
+    for (k, v) in path.vertices()[..=injection.vertex].iter().enumerate().rev() {
         let mut adj = VertexAdjoint::default();
         if k == injection.vertex {
             adj.p = injection.d_p;
@@ -186,7 +211,7 @@ pub struct Detached {
 pub fn sweep(out: &mut Adjoints, path: &Path, a: Vec3, detached: Detached) -> RayAdjoint {
     let mut reflected = Vec3::ZERO; // by the vertex after the current one
     let mut ray = RayAdjoint::default(); // of the segment that leaves the current vertex
-    for (index, v) in path.vertices.iter().enumerate().rev() {
+    for (index, v) in path.vertices().iter().enumerate().rev() {
         let a_in = a * v.throughput;
         let a_vertex = a_in * v.through.weight;
         if let Some((sky, c)) = v.continuation.as_ref().and_then(|c| Some((c.escaped?, c))) {
@@ -306,7 +331,7 @@ impl VertexSweep<'_, '_> {
             && let Some(arrival) = self.out.scene.arrive(&mut light, si.p)
         {
             let weight = c.emission_weight / light.pdf * c.through.inv_choice;
-            let next = self.path.vertices.get(self.index + 1);
+            let next = self.path.vertices().get(self.index + 1);
             let crossings = next.map_or(&[][..], |next| self.path.crossings(next.incoming));
             let incident = IncidentLight {
                 light: &light,

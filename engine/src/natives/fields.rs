@@ -22,6 +22,11 @@ pub fn field(value: &Value, name: &str) -> Option<Value> {
             let i = row(name, v.shape())?;
             v.slice(&[Slice::At(i as i64)]).ok().map(Value::Num)
         }
+        // A number stands for a grey colour where a colour may be: `ball.material.reflectance.r` of `diffuse(0.5)`.
+        Value::Num(v) if v.shape().is_empty() && name.chars().all(|c| "rgb".contains(c)) => {
+            let grey = v.broadcast_to(&[3]).ok()?;
+            swizzle(name, 3).and_then(|which| pick(&grey, &which).map(Value::Num))
+        }
         Value::Num(v) => swizzle(name, v.shape().last().copied()?).and_then(|which| pick(v, &which).map(Value::Num)),
         Value::Image(v) => match name {
             "width" => Some(Value::scalar(v.shape()[1] as f64)),

@@ -161,15 +161,23 @@ impl Recorder for NoRecord {
 struct FirstSegment {
     t: f32,
     through: MaskWeight,
-    inside: Inside,
-    /// What the body on the way does not absorb.
-    attenuation: Vec3,
+    /// In scenes where bodies absorb light: those that the vertex is in, and what the one on the way does not absorb.
+    bodies: Option<(Inside, Vec3)>,
 }
 
 impl FirstSegment {
     /// Of a path that starts at its first vertex.
-    const NONE: FirstSegment =
-        FirstSegment { t: 0.0, through: MaskWeight::CLEAR, inside: Inside::NOTHING, attenuation: Vec3::ONE };
+    const NONE: FirstSegment = FirstSegment { t: 0.0, through: MaskWeight::CLEAR, bodies: None };
+
+    /// Of a path that starts with a ray, which goes as far as `t`.
+    #[inline(always)]
+    fn new(scene: &Scene, ray: &Ray, options: &Options, (t, through): (f32, MaskWeight)) -> FirstSegment {
+        let bodies = scene.absorbs().then(|| {
+            let inside = options.inside.unwrap_or_else(|| scene.around(ray.origin));
+            (inside, scene.attenuated(&inside, t))
+        });
+        FirstSegment { t, through, bodies }
+    }
 }
 
 /// One-sample estimate of the radiance along a path's first segment, towards its start.
@@ -182,17 +190,17 @@ pub fn trace<R: Recorder>(scene: &Scene, start: Start, sampler: &mut Sampler, op
     if let Start::Surface(si) | Start::BesideEdge(si, _) = &start
         && scene.absorbs()
     {
-        way.inside = scene.in_front_of(si);
+        way.bodies = Some((scene.in_front_of(si), Vec3::ONE));
     }
     match start {
-        Start::Surface(si) => paths.start_at(0, si, &way, &options, &mut recs[0]),
+        Start::Surface(si) => paths.start_at(0, &si, &way, &options, &mut recs[0]),
         Start::BesideEdge(si, skip) => {
             /// In an acute corner, light is reflected between surfaces at distances that are smaller than those at which rays of other
             /// paths begin.
             const NEAR: f32 = 1.0 / 16.0;
             options.first_skip = skip;
             paths.offset_scale = NEAR;
-            paths.start_at(0, si, &way, &options, &mut recs[0]);
+            paths.start_at(0, &si, &way, &options, &mut recs[0]);
         }
         Start::Ray(ray, skip) => paths.start(scene, &[ray], skip, samplers, &options, recs),
     }

@@ -5,6 +5,7 @@ use glam::{Vec2, Vec3};
 use super::accel::{NO_PRIM, PrimId, Ray};
 use super::bsdf::{Bsdf, BsdfSample, Dielectric, Lobe, Part, refract};
 use super::environment::environment_uv;
+use super::facets::ShapeShading;
 use super::material::{Input, Material};
 use super::scene::SphericalMap;
 use super::texture::Texture;
@@ -94,16 +95,21 @@ impl Scene {
         let shading = &self.shape_shading[facet.shape as usize];
         let flip = if facet.normal.dot(wi) < 0.0 { -1.0 } else { 1.0 };
         let ng = facet.normal * flip;
-        let (ns, shading_flip) = if shading.smooth { self.shading_normal(prim, b, ng) } else { (ng, 0.0) };
-        let mapped = if shading.mapped { self.mapped_normal(prim, b, ns, flip) } else { None };
-        let (ns, mapped) = mapped.map_or((ns, false), |mapped| (mapped.normal, true));
-        let bsdf = match shading.bsdf {
+        let is_flat = !shading.smooth & !shading.mapped;
+        let (ns, shading_flip, mapped) =
+            if is_flat { (ng, 0.0, false) } else { self.bent_normal(shading, prim, b, ng, flip) };
+        // A BSDF is large: where nothing is done to it, it stays where it is.
+        let mut bsdf = match shading.bsdf {
             _ if shading.one_sided && flip < 0.0 => Bsdf::Black,
             Some(bsdf) => bsdf,
             None => self.bsdf(&self.description.shapes[facet.shape as usize].material, prim, b),
         };
-        let bsdf = if self.has_glass { bsdf.seen_from(flip > 0.0) } else { bsdf };
-        let bsdf = if shading.grained { bsdf.laid(self.grain_axes(prim, b, ns, flip)) } else { bsdf };
+        if self.has_glass {
+            bsdf = bsdf.seen_from(flip > 0.0);
+        }
+        if shading.grained {
+            bsdf = bsdf.laid(self.grain_axes(prim, b, ns, flip));
+        }
         let emission =
             if shading.emits && (shading.two_sided || flip > 0.0) { self.emitted(prim, b) } else { Vec3::ZERO };
         SurfaceInteraction {
@@ -120,6 +126,16 @@ impl Scene {
             bsdf,
             emission,
         }
+    }
+
+    /// The normal of a surface with vertex normals or with a normal map, its sign relative to the interpolated normal, and whether the map has
+    /// tilted it.
+    #[inline(never)]
+    fn bent_normal(&self, shading: &ShapeShading, prim: PrimId, b: [f32; 3], ng: Vec3, flip: f32) -> (Vec3, f32, bool) {
+        let (ns, shading_flip) = if shading.smooth { self.shading_normal(prim, b, ng) } else { (ng, 0.0) };
+        let mapped = if shading.mapped { self.mapped_normal(prim, b, ns, flip) } else { None };
+        let (ns, mapped) = mapped.map_or((ns, false), |mapped| (mapped.normal, true));
+        (ns, shading_flip, mapped)
     }
 
     /// The shading normal on the side of `ng`, and its sign relative to the interpolated normal; `ng` and 0 without vertex normals.

@@ -301,13 +301,14 @@ impl Builder<'_> {
         ExprKind::Record(fields)
     }
 
-    /// `[a, b]` or `[e for x in xs]`.
+    /// `[a, b]`, `[e for x in xs]` or `[{ let y = …; e } for x in xs]`.
     fn array(&mut self, pair: P, span: Span) -> ExprKind {
         let mut elements = Vec::new();
         let mut clauses = Vec::new();
         for part in pair.into_inner() {
             match part.as_rule() {
                 Rule::for_ => clauses.extend(self.for_clause(part)),
+                Rule::block => elements.push(self.block(part)),
                 _ => elements.push(self.expr(part)),
             }
         }

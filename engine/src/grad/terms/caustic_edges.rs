@@ -3,7 +3,7 @@
 //!
 //! What a light sends is an integral over its film. It jumps where the chain of specular surfaces hits another surface on one side than
 //! on the other, and where the place at which it ends disappears from the camera's sight: [`crate::grad::sampling::jumps`] says how such places are
-//! found, and what they count. In sight, h is the distance on the camera's film between the images of the edge's point and of the place.
+//! found, and what they count. There h is the distance on the camera's film between the images of the edge's point and of the place.
 //!
 //! What the light's film shows directly need not be looked for: [`CausticRims`] has points along those edges. There a chain begins on one
 //! side that does not on the other, or two begin on different facets.
@@ -60,7 +60,7 @@ pub struct Common<'a> {
 }
 
 /// A path that starts at a point of a light's film.
-struct Seen {
+struct LightPath {
     chain: Chain,
     landing: Option<Landing>,
     /// What hides the place where it lands from the camera.
@@ -81,11 +81,11 @@ enum Jump<'a> {
     /// An edge, after so many links.
     Chain(Passed<'a>, usize),
     /// An edge in front of the place where it lands.
-    Sight(Sight<'a>),
+    Occluder(Occluder<'a>),
 }
 
 /// An edge in front of the place where a path lands, as the camera sees it.
-struct Sight<'a> {
+struct Occluder<'a> {
     passed: Passed<'a>,
     view: Ray,
     /// Where the camera sees the edge's point, and the place.
@@ -112,13 +112,13 @@ impl<'a> Common<'a> {
     }
 
     /// The path from a point of a light's film, whose surfaces send it into lobes as `choose` says.
-    fn seen(
+    fn light_path(
         &self,
         camera: &Camera,
         film: u32,
         pixel: Vec2,
         choose: impl FnMut(usize, &SurfaceInteraction) -> (Lobe, f32),
-    ) -> Seen {
+    ) -> LightPath {
         let (mut chain, most) = (Chain::default(), self.max_bounces as usize - 1);
         chain.follow(self.scene, self.films.ray(film, pixel), most, Transport::Power, choose);
         let landing = Landing::of(self.scene, camera, &chain);
@@ -130,16 +130,16 @@ impl<'a> Common<'a> {
             _ => Vec3::ZERO,
         };
         let value = if value.is_finite() { value } else { Vec3::ZERO };
-        Seen { chain, landing, hidden_by, value }
+        LightPath { chain, landing, hidden_by, value }
     }
 
     /// Whether one of two paths that end at the same surface is hidden from the camera.
-    fn sight_differs(a: &Seen, b: &Seen) -> bool {
+    fn occlusion_differs(a: &LightPath, b: &LightPath) -> bool {
         a.landing.is_some() && b.landing.is_some() && a.hidden_by.is_some() != b.hidden_by.is_some()
     }
 
     /// What the path passes between two neighbouring points of the film.
-    fn jump(&self, camera: &Camera, a: &Seen, b: &Seen) -> Option<Jump<'a>> {
+    fn jump(&self, camera: &Camera, a: &LightPath, b: &LightPath) -> Option<Jump<'a>> {
         if let Some(k) = self.jumps.parts(&a.chain, &b.chain) {
             let passed = self.jumps.passed(&a.chain, &b.chain, k)?;
             let again = k > 0 && passed.is_at_start(&a.chain.rays[k]);
@@ -158,7 +158,7 @@ impl<'a> Common<'a> {
         let [x, y] = camera.projection_gradient(&edge);
         let along = passed.edge.p[1] - passed.edge.p[0];
         let normal = Vec2::new(x.dot(along), y.dot(along)).perp().normalize_or_zero();
-        Some(Jump::Sight(Sight { passed, view, edge, place: of_a.projected, normal }))
+        Some(Jump::Occluder(Occluder { passed, view, edge, place: of_a.projected, normal }))
     }
 
     /// Adjoint of the ray that leaves the light, for one of h, and the derivatives of all that moves what it passes.
@@ -168,11 +168,11 @@ impl<'a> Common<'a> {
                 passed.d_point(out, &chain.rays[*k], passed.normal * d_h);
                 d_links(out, &chain.links[..*k], passed.d_ray(d_h))
             }
-            Jump::Sight(sight) => {
-                let d = sight.normal * d_h;
-                let d_edge = camera.d_project(&sight.edge, d, &mut out.camera);
-                sight.passed.d_point(out, &sight.view, d_edge);
-                let p = camera.d_project(&sight.place, -d, &mut out.camera);
+            Jump::Occluder(occluder) => {
+                let d = occluder.normal * d_h;
+                let d_edge = camera.d_project(&occluder.edge, d, &mut out.camera);
+                occluder.passed.d_point(out, &occluder.view, d_edge);
+                let p = camera.d_project(&occluder.place, -d, &mut out.camera);
                 let Some((end, t)) = &chain.end else { return RayAdjoint::default() };
                 let ray = d_intersection(out, end, *t, VertexAdjoint { p, ..VertexAdjoint::default() });
                 d_links(out, &chain.links, ray)
@@ -197,11 +197,11 @@ impl Common<'_> {
         slope: Vec2,
         ahead: Vec2,
         jump: &Jump,
-        seen: &impl Fn(Vec2) -> Seen,
-    ) -> [Option<Seen>; 2] {
+        path_at: &impl Fn(Vec2) -> LightPath,
+    ) -> [Option<LightPath>; 2] {
         let Jump::Chain(passed, k) = jump else { return [None, None] };
         let Some(places) = self.jumps.aside(passed, place, slope, ahead) else { return [None, None] };
-        places.map(|place| Some(seen(place)).filter(|seen| passed.is_foot_of(&seen.chain, *k)))
+        places.map(|place| Some(path_at(place)).filter(|path| passed.is_foot_of(&path.chain, *k)))
     }
 
     /// Adds what the paths on both sides of a jump bring, times the `motion` of the place where it is per h: of the side before it, less
@@ -210,7 +210,7 @@ impl Common<'_> {
         &self,
         Ends { film, camera }: Ends,
         chain: &Chain,
-        sides: [&Seen; 2],
+        sides: [&LightPath; 2],
         jump: &Jump,
         motion: f32,
         out: &mut dyn Estimate,
@@ -255,17 +255,18 @@ impl CausticEdges<'_> {
         let line = Line::new(start.corner, start.within, which < 0.5, sampler);
         // One of both directions was chosen.
         let weight = 2.0 * (start.weight * weight) as f32;
-        let seen = |pixel: Vec2| common.seen(&camera, start.film, pixel, |k, si| line.lobe(k, si));
-        let differs =
-            |a: &Seen, b: &Seen| Common::sight_differs(a, b) || common.jumps.parts(&a.chain, &b.chain).is_some();
-        line.march(offset, &seen, &differs, &mut |pixel, a, b| {
+        let path_at = |pixel: Vec2| common.light_path(&camera, start.film, pixel, |k, si| line.lobe(k, si));
+        let differs = |a: &LightPath, b: &LightPath| {
+            Common::occlusion_differs(a, b) || common.jumps.parts(&a.chain, &b.chain).is_some()
+        };
+        line.march(offset, &path_at, &differs, &mut |pixel, a, b| {
             let Some(jump) = common.jump(&camera, a, b) else { return };
             if matches!(jump, Jump::Chain(_, 0)) {
                 return; // a rim
             }
             let ends = Ends { film: start.film, camera: &camera };
             let slope = common.slope(ends, pixel, &a.chain, &jump);
-            let [clear_a, clear_b] = common.aside(pixel, slope, line.ahead(), &jump, &seen);
+            let [clear_a, clear_b] = common.aside(pixel, slope, line.ahead(), &jump, &path_at);
             let sides = [clear_a.as_ref().unwrap_or(a), clear_b.as_ref().unwrap_or(b)];
             common.add(ends, &a.chain, sides, &jump, weight * line.motion(slope), out);
         });
@@ -372,8 +373,9 @@ impl CausticRims<'_> {
         let aside = along.perp().normalize_or_zero() * jumps::narrow(place.pixel);
         let camera = common.camera.sample_lens(sampler);
         let choices: [f32; LONGEST] = std::array::from_fn(|_| sampler.next_1d());
-        let seen = |pixel: Vec2| common.seen(&camera, film, pixel, |k, si| si.choose_delta_lobe(choices[k], LEAST));
-        let (a, b) = (seen(place.pixel - aside), seen(place.pixel + aside));
+        let path_at =
+            |pixel: Vec2| common.light_path(&camera, film, pixel, |k, si| si.choose_delta_lobe(choices[k], LEAST));
+        let (a, b) = (path_at(place.pixel - aside), path_at(place.pixel + aside));
         if common.jumps.parts(&a.chain, &b.chain) != Some(0) {
             return;
         }
@@ -385,7 +387,7 @@ impl CausticRims<'_> {
         let ends = Ends { film, camera: &camera };
         let slope = common.slope(ends, place.pixel, &a.chain, &jump);
         let ahead = aside.normalize_or_zero();
-        let [clear_a, clear_b] = common.aside(place.pixel, slope, ahead, &jump, &seen);
+        let [clear_a, clear_b] = common.aside(place.pixel, slope, ahead, &jump, &path_at);
         let sides = [clear_a.as_ref().unwrap_or(&a), clear_b.as_ref().unwrap_or(&b)];
         // The place moves along the edge's normal, by −1/h_n per h.
         let per_h = slope.dot(ahead).recip();

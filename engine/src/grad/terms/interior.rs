@@ -76,7 +76,7 @@ impl<'a> Interior<'a> {
         let CameraRay { camera, ray, film, weight } = camera_ray;
         out.pixel(film.pixel, &mut |d, out| {
             let d = d * *weight;
-            let ray_adjoint = if path.vertices.is_empty() {
+            let ray_adjoint = if path.vertices().is_empty() {
                 let pass: f32 = path.crossings.iter().map(MaskCrossing::weight).product();
                 let dir = out.environment(ray.dir, d * pass);
                 let d_pass = d.dot(self.scene.environment_radiance(ray.dir));

@@ -81,7 +81,7 @@ impl<'a> RoughnessPairs<'a> {
         let options = Options { next_event: false, ..Options::new(self.settings.max_bounces - 1) };
         path.clear();
         trace(self.scene, Start::Ray(ray, &[]), sampler, &options, path);
-        let vertices = &path.vertices[..path.vertices.len().min(self.settings.max_bounces as usize)];
+        let vertices = &path.vertices()[..path.vertices().len().min(self.settings.max_bounces as usize)];
         let strength = |v: &PathVertex| {
             let requested = self.requested[v.si.shape as usize] && v.si.bsdf.roughness_pair().is_some();
             if requested { (v.throughput * v.through.weight).max_element().max(1e-3) } else { 0.0 }

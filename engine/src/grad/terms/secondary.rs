@@ -207,13 +207,13 @@ impl<'a> Secondary<'a> {
     /// Draws one sample for a recorded path. `u` chooses the edge and the point on it.
     fn sample(&self, path: &Path, u: Vec2, sampler: &mut Sampler) -> Option<SecondarySample> {
         let chosen = self.choose_vertex(path, sampler.next_1d())?;
-        let vertex = &path.vertices[chosen.index];
+        let vertex = &path.vertices()[chosen.index];
         let behind_glass = self.is_behind_glass(path, chosen.index);
         let (route, routes) = self.choose_route(chosen.index, sampler);
         if matches!(route, Route::Direct) && self.events_left(chosen.index) < self.least_events(path, chosen.index) {
             return None;
         }
-        let point = self.choose_edge_point(&path.vertices[..=chosen.index], route, u, sampler)?;
+        let point = self.choose_edge_point(&path.vertices()[..=chosen.index], route, u, sampler)?;
         let at = self.connect_by_route(&vertex.si, route, point, sampler)?;
         let jump = self.jump(&at, behind_glass, self.events_left(chosen.index), sampler)?;
         let Shading { edge, connection, dir, area, .. } = at;
@@ -243,7 +243,7 @@ impl<'a> Secondary<'a> {
 
     /// Number of events that must be left for a vertex to see directly anything that is sampled here: none if it sees lights.
     fn least_events(&self, path: &Path, k: usize) -> u32 {
-        let v = &path.vertices[k];
+        let v = &path.vertices()[k];
         let sees_environment = self.scene.environment.is_some() && self.environment != MovingEnvironment::Whole;
         let sees_light = sees_environment || !self.scene.contacts().is_empty() || v.si.bsdf.is_attached();
         u32::from(!(sees_light || self.is_behind_glass(path, k)))
@@ -257,7 +257,7 @@ impl<'a> Secondary<'a> {
     /// Chooses a vertex with probability in proportion to its throughput.
     fn choose_vertex(&self, path: &Path, u: f32) -> Option<ChosenVertex> {
         let weight = |k: usize| {
-            let v = &path.vertices[k];
+            let v = &path.vertices()[k];
             let useless = v.si.bsdf.is_black() || v.si.bsdf.is_delta() || k as u32 >= self.max_bounces;
             if useless || self.events_left(k) < self.least_events(path, k) {
                 0.0
@@ -265,7 +265,7 @@ impl<'a> Secondary<'a> {
                 v.throughput.max_element().max(1e-3)
             }
         };
-        let n = path.vertices.len();
+        let n = path.vertices().len();
         let total: f32 = (0..n).map(weight).sum();
         if total <= 0.0 {
             return None;

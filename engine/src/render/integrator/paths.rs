@@ -314,18 +314,14 @@ impl<const N: usize> Paths<N> {
             intersect(scene, (ray, root, skip), &mut samplers[k], options, &mut recs[k], &mut self.hits, k);
         }
         for (k, ray) in rays.iter().enumerate().take(N) {
-            let mut way = FirstSegment { t: self.hits.t[k], through: self.hits.through[k], ..FirstSegment::NONE };
-            if scene.absorbs() {
-                way.inside = options.inside.unwrap_or_else(|| scene.around(ray.origin));
-                way.attenuation = scene.attenuated(&way.inside, way.t);
-            }
+            let way = FirstSegment::new(scene, ray, options, (self.hits.t[k], self.hits.through[k]));
             if let Some(hit) = self.hits.get(k) {
                 let si = scene.interaction(hit.prim, hit.b, -ray.dir);
-                self.start_at(k, si, &way, options, &mut recs[k]);
+                self.start_at(k, &si, &way, options, &mut recs[k]);
             } else {
                 let seen = options.first_environment && scene.environment.is_some();
                 let sky = if seen { scene.environment_radiance(ray.dir) * way.through.weight } else { Vec3::ZERO };
-                self.radiance.set(k, sky * way.attenuation);
+                self.radiance.set(k, way.bodies.map_or(sky, |(_, attenuation)| sky * attenuation));
             }
         }
     }
@@ -334,17 +330,20 @@ impl<const N: usize> Paths<N> {
     pub(super) fn start_at<R: Recorder>(
         &mut self,
         k: usize,
-        si: SurfaceInteraction,
+        si: &SurfaceInteraction,
         way: &FirstSegment,
         options: &Options,
         rec: &mut R,
     ) {
-        rec.vertex(&si, way.attenuation, way.t, &way.through);
-        if let Some(body) = way.inside.body() {
-            rec.absorbed(body);
+        let attenuation = way.bodies.as_ref().map_or(Vec3::ONE, |(_, attenuation)| *attenuation);
+        rec.vertex(si, attenuation, way.t, &way.through);
+        if let Some((inside, _)) = &way.bodies {
+            if let Some(body) = inside.body() {
+                rec.absorbed(body);
+            }
+            self.inside[k] = *inside;
         }
-        self.inside[k] = way.inside;
-        let throughput = way.attenuation * way.through.weight;
+        let throughput = attenuation * way.through.weight;
         self.throughput.set(k, throughput);
         self.radiance_scale[k] = 1.0;
         self.radiance.set(k, if options.first_emission { throughput * si.emission } else { Vec3::ZERO });
@@ -355,7 +354,7 @@ impl<const N: usize> Paths<N> {
 
     /// Moves a path to a vertex, with `all` of the interaction or only what a flat diffuse surface needs.
     #[inline(always)]
-    fn set_vertex(&mut self, k: usize, si: SurfaceInteraction, all: bool) {
+    fn set_vertex(&mut self, k: usize, si: &SurfaceInteraction, all: bool) {
         self.prim[k] = si.prim;
         self.p.set(k, si.p);
         self.offset[k] = offset(si.p) * self.offset_scale;
@@ -366,7 +365,7 @@ impl<const N: usize> Paths<N> {
             self.reflectance.set(k, reflectance);
         }
         if all || !self.matte[k] {
-            self.si[k] = si;
+            self.si[k] = *si;
         }
     }
 
@@ -716,7 +715,7 @@ impl<const N: usize> Paths<N> {
             self.throughput.set(k, throughput * through.weight);
             self.contributes[k] |= options.is_required(si.shape);
             left.add_if(!si.bsdf.is_black(), k);
-            self.set_vertex(k, si, needs_all::<R>(options));
+            self.set_vertex(k, &si, needs_all::<R>(options));
         }
         self.alive = left;
     }
