@@ -119,6 +119,10 @@ pub const LAYOUTS: &[(&str, &str)] = &[
         "let a=1\n\n\n\nlet b:vec3[ 2 ]=[ [1,2,3 ],[4,5,- 6,],]\r\n",
         "let a = 1\n\nlet b: vec3[2] = [[1, 2, 3], [4, 5, -6]]\n",
     ),
+    (
+        "let a=[{let y=2*x y+1}for x in 0..3 if x>1] let b=[{ x }]",
+        "let a = [\n  {\n    let y = 2 * x\n    y + 1\n  }\n  for x in 0..3 if x > 1\n]\nlet b = [{ x }]\n",
+    ),
     // Literals stay as they were written.
     (
         "let a = 1_000+1e-3 let b = 0.10turn let c=#FF8800 let d = \"{ a :.2} {{}} \\n\" let e=30%",

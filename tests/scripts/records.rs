@@ -47,6 +47,8 @@ fn braces_with_a_let_are_a_block_and_without_one_a_record() {
     assert_eq!(type_of("let y = 1\nlet a = { y }", "a"), "{ y: scalar }");
     assert_eq!(type_of("let a = { let y = 1  y }", "a"), "scalar");
     prints("let y = 1\nfn f(x) { x + y }\nprint f(2), { y }.y", "3 1\n");
+    // Each item of a list may have one.
+    prints("print [{ let y = 2 * x  y + 1 } for x in 0..3], [{ x } for x in 0..2]", "[1, 3, 5] [{ x: 0 }, { x: 1 }]\n");
     prints(
         "param x = 3\nloss l = x ^ 2\noptimize l { using: sgd(lr: 0.5), steps: 1 }\nprint { x } with { x: 4 }",
         "{ x: 4 }\n",

@@ -301,7 +301,7 @@ impl Builder<'_> {
         ExprKind::Record(fields)
     }
 
-    /// `[a, b]`, `[e for x in xs]` or `[{ let y = …; e } for x in xs]`.
+    /// `[a, b]`, `[e for x in xs]` or `[{ let … e } for x in xs]`.
     fn array(&mut self, pair: P, span: Span) -> ExprKind {
         let mut elements = Vec::new();
         let mut clauses = Vec::new();
