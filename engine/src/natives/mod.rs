@@ -8,6 +8,7 @@ mod data;
 mod fields;
 mod files;
 mod images;
+mod json;
 mod layout;
 mod lights;
 mod linear;
