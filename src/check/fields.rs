@@ -33,7 +33,7 @@ impl Checker<'_> {
         if self.report_private(name, &[module]) {
             return Some(Err(()));
         }
-        if let Some(&id) = self.modules[module].names.get(&name.text) {
+        if let Some(&id) = self.modules[module].names.get(name.text.as_str()) {
             return Some(Ok(id));
         }
         // Its statement could not be read, which has been said.
@@ -41,7 +41,7 @@ impl Checker<'_> {
             return Some(Err(()));
         }
         let names: Vec<&str> =
-            self.modules[module].names.keys().map(String::as_str).filter(|name| !is_private(name)).collect();
+            self.modules[module].names.keys().map(|name| &**name).filter(|name| !is_private(name)).collect();
         let help = did_you_mean(&name.text, "it has", names);
         self.diagnostics.push(
             Diagnostic::error("dscene::name::unknown", format!("`{alias}` has no `{}`", name.text))

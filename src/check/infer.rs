@@ -290,7 +290,7 @@ impl Checker<'_> {
         let known = self
             .lookup(renamed)
             .map(|_| renamed)
-            .or_else(|| suggest(renamed, self.modules[super::modules::PRELUDE].names.keys().map(String::as_str)))?;
+            .or_else(|| suggest(renamed, self.modules[super::modules::PRELUDE].names.keys().map(|name| &**name)))?;
         let arguments = called.map_or(String::new(), |(arguments, _)| format!("({})", arguments.join(", ")));
         Some(format!("functions need no module: `{known}{arguments}`"))
     }
@@ -543,7 +543,7 @@ impl Checker<'_> {
             None => match (self.modules[self.module].aliases.get(&first.text).copied(), rest.split_first()) {
                 (Some(module), Some((name, _))) if self.report_private(name, &[module]) => return None,
                 (Some(module), Some((name, rest))) => {
-                    let Some(&decl) = self.modules[module].names.get(&name.text) else {
+                    let Some(&decl) = self.modules[module].names.get(name.text.as_str()) else {
                         self.report_unknown(&name.text, name.span, None);
                         return None;
                     };

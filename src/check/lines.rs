@@ -173,9 +173,8 @@ impl Checker<'_> {
 
     /// Must be called before [`Checker::finish`].
     pub(super) fn knowledge(&mut self) -> Knowledge {
-        let lines: HashSet<SourceId> = self.origin.lines.iter().copied().collect();
         let mut action_statements = std::mem::take(&mut self.action_statements);
-        action_statements.retain(|s| !lines.contains(&s.span.source));
+        action_statements.retain(|s| !self.is_line(s.span.source));
         Knowledge {
             modules: std::mem::take(&mut self.modules),
             main: self.main,
@@ -270,9 +269,15 @@ impl Checker<'_> {
         // Actions of lines run once and are not part of the program. (An import declares nothing itself.)
         let (actions, rest) = std::mem::take(&mut self.actions).into_iter().partition(|a| a.span().source == line);
         self.actions = rest;
-        let lines: HashSet<SourceId> = self.origin.lines.iter().copied().collect();
-        self.actions.retain(|a| !lines.contains(&a.span().source));
+        let mut rest = std::mem::take(&mut self.actions);
+        rest.retain(|a| !self.is_line(a.span().source));
+        self.actions = rest;
         Line::Statements { declared, actions }
+    }
+
+    /// Whether a source is a line. (They were added one after the other, so that their numbers ascend.)
+    fn is_line(&self, source: SourceId) -> bool {
+        self.origin.lines.binary_search(&source).is_ok()
     }
 
     /// Checks a line that is an expression.

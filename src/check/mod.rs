@@ -47,6 +47,7 @@ mod understanding;
 
 use std::io;
 use std::path::Path;
+use std::sync::Arc;
 
 use crate::diag::{self, Diagnostic};
 use crate::source::{SourceId, SourceMap};
@@ -56,6 +57,7 @@ pub use fields::{field_type, fields_of, type_of};
 pub use flow::{children, reaching_params, reaching_params_of, walk};
 pub use known::READERS;
 pub use library::{library_modules, library_text};
+use lines::Known;
 pub use lines::{LINE, Line, check_expression, check_given, check_line};
 pub use lints::{
     FACING_AWAY, INSIDE_OUT, LINTS, MISSING_CAUSTIC, NO_BOUNDARY, OPEN_BODY, is_allowed, without_boundary,
@@ -115,10 +117,29 @@ impl Checked {
     }
 }
 
+/// What a script is checked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Purpose {
+    Run,
+    /// Expressions and lines are to be checked against it ([`check_line`]). What the check knows beside the program is kept for them; otherwise
+    /// the first of them has everything checked again.
+    Lines,
+}
+
 /// Checks a file. `overrides` are `--set NAME=EXPR`: they replace the values of declarations of the file.
 pub fn check(path: &Path, overrides: &[(String, String)], loader: &(dyn Loader + Sync)) -> Checked {
+    check_for(Purpose::Run, path, overrides, loader)
+}
+
+/// The same for a given purpose.
+pub fn check_for(
+    purpose: Purpose,
+    path: &Path,
+    overrides: &[(String, String)],
+    loader: &(dyn Loader + Sync),
+) -> Checked {
     match read_script(path, loader) {
-        Ok(text) => check_text(&path.display().to_string(), Some(path), text, overrides, loader),
+        Ok(text) => check_text_for(purpose, &path.display().to_string(), Some(path), text, overrides, loader),
         Err(why) => Checked::unread(why),
     }
 }
@@ -152,6 +173,18 @@ pub fn check_text(
     overrides: &[(String, String)],
     loader: &(dyn Loader + Sync),
 ) -> Checked {
+    check_text_for(Purpose::Run, name, path, text, overrides, loader)
+}
+
+/// The same for a given purpose.
+pub fn check_text_for(
+    purpose: Purpose,
+    name: &str,
+    path: Option<&Path>,
+    text: impl Into<String>,
+    overrides: &[(String, String)],
+    loader: &(dyn Loader + Sync),
+) -> Checked {
     let mut sources = library::sources();
     let main = sources.add(name, path, text);
     let overrides = overrides
@@ -162,7 +195,12 @@ pub fn check_text(
     with_room(move || {
         let mut checker = Checker::new(sources, loader);
         checker.run(origin);
-        let (program, mut diagnostics, sources) = checker.finish();
+        let known = match purpose {
+            Purpose::Run => Known::default(),
+            Purpose::Lines => Known::of(Arc::new(checker.knowledge())),
+        };
+        let (mut program, mut diagnostics, sources) = checker.finish();
+        program.known = known;
         diag::sort(&mut diagnostics);
         let failed = diagnostics.iter().any(Diagnostic::is_error);
         Checked { program: (!failed).then_some(program), diagnostics, sources, main }

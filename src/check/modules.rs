@@ -27,7 +27,8 @@ pub const PRELUDE: ModuleId = 0;
 
 #[derive(Clone, Default)]
 pub struct Module {
-    pub names: HashMap<String, DeclId>,
+    /// By name; the texts are shared by all copies, of which there is one for every line of the REPL.
+    pub names: HashMap<Arc<str>, DeclId>,
     pub aliases: HashMap<String, ModuleId>,
     pub path: Option<PathBuf>,
     pub user: bool,
@@ -317,7 +318,7 @@ impl<'l> Checker<'l> {
     /// A module whose name is similar, as a suggestion.
     pub fn nearest_name(&mut self, module: ModuleId, name: &str) -> Option<String> {
         let names = self.spelling.entry(module);
-        let names = names.or_insert_with(|| Names::new(self.modules[module].names.keys().map(String::as_str)));
+        let names = names.or_insert_with(|| Names::new(self.modules[module].names.keys().map(|name| &**name)));
         names.nearest(name, &mut self.spelling_budget).map(str::to_owned)
     }
 
@@ -391,7 +392,7 @@ impl<'l> Checker<'l> {
             _ => return,
         };
         let name = name.clone();
-        let own = self.modules[module].names.get(&name.text).copied();
+        let own = self.modules[module].names.get(name.text.as_str()).copied();
         if let Some(first) = own {
             if lines.contains(&statement.span.source) {
                 let slot = self.slot_mut(first);
@@ -422,7 +423,7 @@ impl<'l> Checker<'l> {
             body: None,
             user,
         };
-        self.modules[module].names.insert(name.text.clone(), id);
+        self.modules[module].names.insert(name.text.as_str().into(), id);
         self.modules[module].own.push(id);
         self.slots.push(Arc::new(Slot {
             name,
@@ -466,7 +467,7 @@ impl<'l> Checker<'l> {
                 continue;
             }
             let hidden = self.builtin(&name.text).is_some_and(|known| known != id);
-            if hidden && !self.modules[module].names.contains_key(&name.text) {
+            if hidden && !self.modules[module].names.contains_key(name.text.as_str()) {
                 let from = self.sources.text(import.span).to_owned();
                 self.diagnostics.push(
                     Diagnostic::warning(
@@ -478,7 +479,7 @@ impl<'l> Checker<'l> {
                 );
                 continue;
             }
-            if let Some(&known) = self.modules[module].names.get(&name.text) {
+            if let Some(&known) = self.modules[module].names.get(name.text.as_str()) {
                 if known != id {
                     self.diagnostics.push(
                         Diagnostic::error("dscene::name::duplicate", format!("`{}` is declared twice", name.text))
@@ -489,7 +490,7 @@ impl<'l> Checker<'l> {
                 }
                 continue;
             }
-            self.modules[module].names.insert(name.text, id);
+            self.modules[module].names.insert(name.text.into(), id);
         }
     }
 
@@ -602,7 +603,7 @@ impl<'l> Checker<'l> {
         let all = |c: &Self| Span::new(source, 0, c.sources.get(source).map_or(0, |f| f.text.len()));
         let (name, field) = path.split_once('.').map_or((path, None), |(name, field)| (name, Some(field)));
         let Some(&id) = self.modules[self.main].names.get(name) else {
-            let names: Vec<&str> = self.modules[self.main].names.keys().map(String::as_str).collect();
+            let names: Vec<&str> = self.modules[self.main].names.keys().map(|name| &**name).collect();
             let help = did_you_mean(name, "the declarations are", names);
             let span = all(self);
             self.diagnostics.push(
@@ -648,7 +649,7 @@ impl<'l> Checker<'l> {
             return Vec::new();
         };
         let ast::ExprKind::Name(function) = &callee.kind else { return Vec::new() };
-        let function = self.modules[self.main].names.get(function).copied().or_else(|| self.builtin(function));
+        let function = self.modules[self.main].names.get(function.as_str()).copied().or_else(|| self.builtin(function));
         let signature = function.and_then(|f| self.signature(f));
         signature.map_or(Vec::new(), |s| s.params.iter().map(|p| p.name.clone()).collect())
     }

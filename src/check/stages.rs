@@ -108,7 +108,7 @@ impl Checker<'_> {
     fn renewed(&mut self, renewal: &ast::Renewal) -> Option<DeclId> {
         let name = &renewal.name;
         let Some(id) = self.lookup(&name.text).filter(|id| self.is_user(*id)) else {
-            let own: Vec<String> = self.modules[self.main].names.keys().cloned().collect();
+            let own: Vec<String> = self.modules[self.main].names.keys().map(|name| name.to_string()).collect();
             let help = did_you_mean(&name.text, "the script declares", own.iter().map(String::as_str));
             self.diagnostics.push(
                 Diagnostic::error("dscene::name::unknown", format!("the script declares no `{}`", name.text))
@@ -166,7 +166,7 @@ impl Checker<'_> {
             });
             let thens = optimized.flat_map(|optimize| &optimize.stages).flat_map(|stage| &stage.then);
             for renewal in thens.flat_map(|then| &then.renewals) {
-                self.renewed.extend(self.modules[self.main].names.get(&renewal.name.text));
+                self.renewed.extend(self.modules[self.main].names.get(renewal.name.text.as_str()));
             }
         }
     }

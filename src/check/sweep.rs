@@ -32,7 +32,7 @@ impl Checker<'_> {
         for (i, variable) in sweep.variables.iter().enumerate() {
             let name = &variable.name.text;
             let again = sweep.variables[..i].iter().any(|v| v.name.text == *name);
-            if again || self.modules[module].names.contains_key(name) {
+            if again || self.modules[module].names.contains_key(name.as_str()) {
                 continue;
             }
             let kind = StatementKind::Let { name: variable.name.clone(), ty: None, value: variable.first() };

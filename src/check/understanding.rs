@@ -96,7 +96,7 @@ impl Understanding {
     pub fn visible(&self, module: ModuleId) -> impl Iterator<Item = (&str, DeclId)> {
         let names = |module: ModuleId| self.module(module).into_iter().flat_map(|m| &m.names);
         let library = names(PRELUDE).filter(move |(name, _)| module == PRELUDE || !is_private(name));
-        names(module).chain(library).map(|(name, id)| (name.as_str(), *id))
+        names(module).chain(library).map(|(name, id)| (&**name, *id))
     }
 
     /// How a declaration is written.

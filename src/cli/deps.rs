@@ -10,7 +10,7 @@ use super::load::{Noting, STDIN, check_file_by};
 use super::out;
 use super::run::name_of;
 use crate::check::hir::{Callee, DeclKind, Expr, ExprKind, Program, StrPart};
-use crate::check::{Checked, READERS, walk};
+use crate::check::{Checked, Purpose, READERS, walk};
 use crate::files;
 use crate::mesh::load::{EXTENSIONS, Wanted, load};
 
@@ -18,7 +18,7 @@ use crate::mesh::load::{EXTENSIONS, Wanted, load};
 /// the caller to see.
 pub fn run(file: &Path, common: &Common) -> Checked {
     let noting = Noting::default();
-    let checked = check_file_by(file, common, &noting);
+    let checked = check_file_by(Purpose::Run, file, common, &noting);
     let Some(program) = &checked.program else { return checked };
     let mut found: Vec<PathBuf> =
         noting.asked().into_iter().map(|(path, _)| path).filter(|path| path.is_file()).collect();

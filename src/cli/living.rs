@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use super::args::Common;
-use super::{check_file, engine_options};
+use super::{check_file_for_lines, engine_options};
 use crate::check::hir::{self, DeclId};
 use crate::check::{self, Checked};
 use crate::diag::Diagnostic;
@@ -42,7 +42,7 @@ impl Living {
 
     /// Replaces the program by a file's, unless the file is wrong: then the old one stays. Gives the engine that was replaced.
     pub fn load(&mut self, file: &Path, world: &mut dyn World) -> Option<Engine> {
-        self.begin(check_file(file, &self.common), file, world)
+        self.begin(check_file_for_lines(file, &self.common), file, world)
     }
 
     /// The same with a file that was checked.

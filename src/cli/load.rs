@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::args::Common;
-use crate::check::{self, Checked, Disk, Line, Loader, hir};
+use crate::check::{self, Checked, Disk, Line, Loader, Purpose, hir};
 use crate::diag::Diagnostic;
 use crate::eval::{Engine, EngineOptions};
 use crate::files::{Stamp, stamp};
@@ -28,19 +28,24 @@ pub const STDIN: &str = "-";
 
 /// Reads and checks a file with the `--set` overrides.
 pub fn check_file(file: &Path, common: &Common) -> Checked {
-    check_file_by(file, common, &Disk)
+    check_file_by(Purpose::Run, file, common, &Disk)
+}
+
+/// The same for a file that expressions or lines are to be checked against.
+pub fn check_file_for_lines(file: &Path, common: &Common) -> Checked {
+    check_file_by(Purpose::Lines, file, common, &Disk)
 }
 
 /// The same with another way to read files.
-pub fn check_file_by(file: &Path, common: &Common, loader: &(dyn Loader + Sync)) -> Checked {
+pub fn check_file_by(purpose: Purpose, file: &Path, common: &Common, loader: &(dyn Loader + Sync)) -> Checked {
     let overrides: Vec<(String, String)> = common.set.iter().map(|o| (o.name.clone(), o.value.clone())).collect();
     if file != Path::new(STDIN) {
-        return check::check(file, &overrides, loader);
+        return check::check_for(purpose, file, &overrides, loader);
     }
     // What it imports lies in the working directory.
     let name = "<stdin>";
     match read_stdin() {
-        Ok(text) => check::check_text(name, Some(Path::new(name)), text, &overrides, loader),
+        Ok(text) => check::check_text_for(purpose, name, Some(Path::new(name)), text, &overrides, loader),
         Err(diagnostic) => Checked::unread(diagnostic),
     }
 }
@@ -101,14 +106,23 @@ pub fn require_file(file: &Path) -> Result<(), Diagnostic> {
     .help("write the script to a file"))
 }
 
-/// Checks a file and reports what is wrong; `None` if it cannot run.
+/// Checks a file, for expressions to be evaluated in it, and reports what is wrong; `None` if it cannot run.
 pub fn load(file: &Path, common: &Common, world: &mut dyn World) -> Option<Loaded> {
-    load_stopped_by(world::interrupt_flag(), file, common, world)
+    loaded(check_file_for_lines(file, common), world::interrupt_flag(), file, common, world)
 }
 
-/// The same with another flag that ends evaluations.
+/// The same for a file that is run as it is, with a flag that ends evaluations.
 pub fn load_stopped_by(flag: Arc<AtomicBool>, file: &Path, common: &Common, world: &mut dyn World) -> Option<Loaded> {
-    let checked = check_file(file, common);
+    loaded(check_file(file, common), flag, file, common, world)
+}
+
+fn loaded(
+    checked: Checked,
+    flag: Arc<AtomicBool>,
+    file: &Path,
+    common: &Common,
+    world: &mut dyn World,
+) -> Option<Loaded> {
     for diagnostic in &checked.diagnostics {
         world.diagnostic(diagnostic, &checked.sources);
     }

@@ -44,7 +44,7 @@ use crate::session::World;
 use crate::source::SourceMap;
 use args::{Cli, Command, Common, Machine, Output};
 
-pub use load::{Loaded, check_file, check_file_by, engine_options, load, load_stopped_by};
+pub use load::{Loaded, check_file, check_file_by, check_file_for_lines, engine_options, load, load_stopped_by};
 pub use render::{cameras, choose_camera};
 pub use together::tell_lost;
 pub use world::Terminal;

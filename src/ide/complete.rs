@@ -195,7 +195,7 @@ impl<'a> Finder<'a> {
         if let Some(module) = self.known.module(main).and_then(|m| m.aliases.get(base)) {
             let names = self.known.module(*module).map(|m| &m.names);
             let seen = names.into_iter().flatten().filter(|(name, _)| !name.starts_with('_'));
-            let mut names: Vec<(&String, DeclId)> = seen.map(|(n, id)| (n, *id)).collect();
+            let mut names: Vec<(&str, DeclId)> = seen.map(|(n, id)| (&**n, *id)).collect();
             names.sort_unstable();
             return names.into_iter().for_each(|(name, id)| self.declaration(self.known, name, id));
         }

@@ -326,7 +326,7 @@ impl Walk<'_> {
             return None;
         }
         let module = *self.known.module(self.module)?.aliases.get(alias)?;
-        self.known.module(module)?.names.get(&name.text).copied()
+        self.known.module(module)?.names.get(name.text.as_str()).copied()
     }
 
     /// The function that an expression names.
@@ -439,7 +439,7 @@ impl Walk<'_> {
         };
         for name in path {
             let module = self.known.module(self.module).and_then(|m| m.aliases.get(&first.text));
-            let member = module.and_then(|m| self.known.module(*m)?.names.get(&name.text).copied());
+            let member = module.and_then(|m| self.known.module(*m)?.names.get(name.text.as_str()).copied());
             let symbol = match member.filter(|_| of_module) {
                 Some(id) => Symbol::Decl(id),
                 None => self.field(ty.as_ref(), base, &name.text),

@@ -151,7 +151,8 @@ impl SourceFile {
 /// All sources of a program. Cheap to clone: the texts are shared.
 #[derive(Clone, Debug, Default)]
 pub struct SourceMap {
-    files: Vec<Arc<SourceFile>>,
+    /// Shared by the copies of a program, of which the REPL makes several for every line.
+    files: Arc<Vec<Arc<SourceFile>>>,
 }
 
 impl SourceMap {
@@ -178,7 +179,7 @@ impl SourceMap {
         let mut line_starts = vec![0];
         line_starts.extend(text.bytes().enumerate().filter(|(_, b)| *b == b'\n').map(|(i, _)| clamp_u32(i + 1)));
         let id = SourceId(clamp_u32(self.files.len()));
-        self.files.push(Arc::new(SourceFile {
+        Arc::make_mut(&mut self.files).push(Arc::new(SourceFile {
             name,
             path: path.map(Path::to_path_buf),
             text,
@@ -196,10 +197,12 @@ impl SourceMap {
             return key(name);
         }
         let mut users = self.files.iter().filter(|f| !is_apart(&f.name, f.path.as_deref()));
-        let last = |name: &str| name.rsplit(['/', '\\']).next().unwrap_or_default().to_owned();
+        fn last(name: &str) -> &str {
+            name.rsplit(['/', '\\']).next().unwrap_or_default()
+        }
         match users.next() {
             None => 0,
-            Some(_) => key(&last(name)).wrapping_add(users.filter(|f| last(&f.name) == last(name)).count() as u64),
+            Some(_) => key(last(name)).wrapping_add(users.filter(|f| last(&f.name) == last(name)).count() as u64),
         }
     }
 

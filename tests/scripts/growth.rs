@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use dscene::check::{self, Checked, Disk, Line, check_line, hir};
+use dscene::check::{self, Checked, Disk, Line, Purpose, check_expression, check_line, hir};
 use dscene::diag::Diagnostic;
 use dscene::eval::{Engine, EngineOptions};
 use dscene::session::{Recorder, Runner};
@@ -276,6 +276,25 @@ fn a_line_checks_nothing_that_it_does_not_touch() {
     assert_eq!(changed.map(|(_, new)| new.name.as_str()).collect::<Vec<_>>(), ["a997", "a998", "a999"]);
     let mut engine = Engine::new(program, EngineOptions::default());
     assert_eq!(numbers(&mut engine, "a999"), Ok(vec![7.0]));
+}
+
+#[test]
+fn the_first_line_after_a_file_checks_nothing_of_it_again() {
+    let text = "param p = 2\nlet a = p + 1\nfn f(x, k = a) = x * k\nloss l = f(3) ^ 2\nprint a\nprint l\n";
+    let set = [("a".to_owned(), "p * 5".to_owned())];
+    for (overrides, expected) in [(&[][..], 81.0), (&set[..], 900.0)] {
+        let checked = check::check_text_for(Purpose::Lines, "test.dscene", None, text, overrides, &Disk);
+        let mut program = checked.program.unwrap_or_else(|| panic!("{:#?}", checked.diagnostics));
+        let before = program.decls.clone();
+        let (expr, told) = check_expression(&mut program, "l + 0");
+        let expr = expr.unwrap_or_else(|| panic!("{told:#?}"));
+        assert_eq!(typed(&mut program, "let c = l + f(1)").unwrap().len(), 1);
+        assert!(before.iter().zip(&program.decls).all(|(old, new)| Arc::ptr_eq(old, new)));
+        assert_eq!((program.actions.len(), program.losses().count()), (2, 1));
+        let mut engine = Engine::new(program, EngineOptions::default());
+        assert_eq!(engine.eval(&expr).ok().and_then(|value| value.number()), Some(expected));
+        assert_eq!(numbers(&mut engine, "c"), Ok(vec![expected + expected.sqrt() / 3.0]));
+    }
 }
 
 #[test]

@@ -11,7 +11,7 @@ use serde_json::json;
 use super::hub::Order;
 use super::wake::Watched;
 use super::{Live, Obeyed};
-use crate::check::hir;
+use crate::check::{Purpose, hir};
 use crate::cli::args::{PICTURE_SPP, PORT, WatchArgs};
 use crate::cli::living::Living;
 use crate::cli::load::Noting;
@@ -112,7 +112,7 @@ impl Watch {
         self.live.say_phase("reading");
         self.running = false;
         let noting = Noting::default();
-        let checked = check_file_by(&self.file, &self.living.common, &noting);
+        let checked = check_file_by(Purpose::Run, &self.file, &self.living.common, &noting);
         let own: Vec<PathBuf> = checked.sources.iter().filter_map(|(_, file)| file.path.clone()).collect();
         self.is_right = match self.living.file {
             None => self.living.begin(checked, &self.file, &mut self.live).is_some(),
