@@ -174,7 +174,9 @@ impl Engine {
         let saved = (self.base, self.locals.len(), self.path);
         self.base = saved.1;
         self.path = self.path_at(span);
+        self.calls += 1;
         let result = self.bind_and_run(f, args, span);
+        self.calls -= 1;
         self.locals.truncate(saved.1);
         (self.base, self.path) = (saved.0, saved.2);
         result.map_err(|e| self.outside_of_library(e, span))

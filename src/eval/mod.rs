@@ -70,8 +70,9 @@ pub use state::{EngineState, Placed};
 
 pub type Result<T, E = Diagnostic> = std::result::Result<T, E>;
 
-/// Most nested evaluations. Each declaration that is being evaluated allows as many again, because chains of declarations may be long.
-/// Calls of function values that never end hit this limit.
+/// Most nested evaluations. Each declaration that is being evaluated, and each function that is being called, allows some more, because chains of
+/// them may be as long as the program; there are no more of those than the program has declarations. Calls of function values that never end hit
+/// this limit.
 const MAX_DEPTH: usize = 20_000;
 const MAX_DEPTH_OF_DECLARATION: usize = 16;
 const STACK_BYTES: usize = 64 << 20;
@@ -214,6 +215,8 @@ pub struct Engine {
     world: usize,
     path: u64,
     depth: usize,
+    /// Functions of the language that are being called.
+    calls: usize,
     scenes: lower::SceneCache,
     warnings: Warnings,
     /// Set while nothing is rendered in full.
@@ -256,6 +259,7 @@ impl Engine {
             world: 0,
             path: 0,
             depth: 0,
+            calls: 0,
             scenes: lower::SceneCache::default(),
             warnings: Warnings::default(),
             rehearsal: None,
@@ -469,7 +473,8 @@ impl Engine {
 
     /// Runs `f` in the outermost world, without locals but for the scope.
     fn fresh_frame<T>(&mut self, f: impl FnOnce(&mut Engine) -> Result<T>) -> Result<T> {
-        let saved = (self.base, self.world, self.path, self.locals.len(), self.frames.len(), self.depth);
+        let saved = (self.base, self.world, self.path, self.locals.len(), self.frames.len());
+        let (depth, calls) = (self.depth, self.calls);
         (self.base, self.world, self.path) = (self.locals.len(), 0, 0);
         self.locals.extend_from_slice(&self.scope);
         let nested = self.evaluating.len();
@@ -479,7 +484,8 @@ impl Engine {
         self.evaluating.truncate(nested);
         self.locals.truncate(saved.3);
         self.frames.truncate(saved.4);
-        (self.base, self.world, self.path, self.depth) = (saved.0, saved.1, saved.2, saved.5);
+        (self.base, self.world, self.path) = (saved.0, saved.1, saved.2);
+        (self.depth, self.calls) = (depth, calls);
         if saved.1 == 0 && saved.4 == 0 {
             self.worlds.truncate(1);
         }
@@ -651,7 +657,7 @@ impl Engine {
 
     /// Counts the depth of nesting, so that endless recursion ends in a diagnostic.
     fn deeper<T>(&mut self, span: Span, f: impl FnOnce(&mut Engine) -> Result<T>) -> Result<T> {
-        let waiting = self.evaluating.len().min(self.program.decls.len());
+        let waiting = (self.evaluating.len() + self.calls).min(self.program.decls.len());
         let limit = MAX_DEPTH + MAX_DEPTH_OF_DECLARATION * waiting;
         if self.depth >= limit {
             return Err(error::recursion(span));

@@ -230,6 +230,21 @@ fn a_chain_of_50000_declarations_is_checked_and_evaluated() {
 }
 
 #[test]
+fn a_chain_of_15000_functions_is_evaluated() {
+    for body in ["+ 1", "+ sum([x * 0 for k in 0..1])"] {
+        let calls: String = (1..15_000).map(|i| format!("fn f{i}(x) = f{}(x) {body}\n", i - 1)).collect();
+        let text = format!("fn f0(x) = x\n{calls}let y = f14999(1)\nlet ys = [f14999(x) for x in 0..3]\n");
+        let mut engine = engine(&text);
+        let more = if body == "+ 1" { 14_999.0 } else { 0.0 };
+        assert_eq!(numbers(&mut engine, "y"), Ok(vec![1.0 + more]));
+        assert_eq!(numbers(&mut engine, "ys"), Ok(vec![more, 1.0 + more, 2.0 + more]));
+    }
+    // What never ends has an end all the same.
+    let mut endless = engine("fn call(f) = f(f) + 1\nlet y = call(call)\n");
+    assert_eq!(numbers(&mut endless, "y"), Err("dscene::run::recursion".to_owned()));
+}
+
+#[test]
 fn each_of_10000_unknown_names_is_told_once() {
     let text: String = (0..10_000).map(|i| format!("let a{i} = nowhere_{i} * 2\n")).collect();
     let found = check::check_text("test.dscene", None, text, &[], &Disk).diagnostics;
