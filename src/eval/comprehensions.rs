@@ -2,7 +2,8 @@
 
 use std::sync::Arc;
 
-use crate::check::hir::{Callee, Comprehension, Expr, ExprKind, ForClause};
+use crate::check::hir::{Callee, Comprehension, Expr, ExprKind, ForClause, Program};
+use crate::diag::Diagnostic;
 use crate::memory::{self, Shortage};
 use crate::natives::value::Value;
 use crate::source::Span;
@@ -13,7 +14,7 @@ use super::expr::{MAX_ITEMS, known};
 use super::{Engine, Result, error, mix};
 
 /// Bytes of memory per item of a comprehension, besides its numbers.
-const ITEM_BYTES: u64 = 320;
+pub(super) const ITEM_BYTES: u64 = 320;
 
 impl Engine {
     pub(super) fn comprehension(&mut self, c: &Comprehension, e: &Expr) -> Result<Value> {
@@ -36,17 +37,17 @@ impl Engine {
     fn clause(&mut self, c: &Comprehension, depth: usize, out: &mut Collected, span: Span) -> Result<()> {
         let Some(clause) = c.clauses.get(depth) else {
             if out.count as f64 >= MAX_ITEMS {
-                return Err(error::value("this makes too many items", span));
+                return Err(too_many(span));
             }
             let item = self.expr(&c.element)?;
             return out.push(item).map_err(|e| error::memory(e, span));
         };
         let items = self.items_of(clause)?;
-        if depth + 1 == c.clauses.len()
-            && (out.count + items.len()) as f64 <= MAX_ITEMS
-            && let Some(array) = self.at_once(clause, &c.element, &items)
+        if (out.count + items.len()) as f64 <= MAX_ITEMS
+            && let Some(array) = self.at_once(c, depth, &items)
         {
-            return out.append(array).map_err(|e| error::memory(e, span));
+            out.append(array).map_err(|e| error::memory(e, span))?;
+            return if out.count as f64 > MAX_ITEMS { Err(too_many(span)) } else { Ok(()) };
         }
         let path = self.path;
         for i in 0..items.len() {
@@ -90,9 +91,7 @@ impl Engine {
     fn items_of(&mut self, clause: &ForClause) -> Result<Items> {
         if let ExprKind::Call(call) = &clause.items.kind
             && let Callee::Native(id) = call.callee
-            && self.program.decl(id).name == "zip"
-            && call.args.iter().flatten().count() == clause.locals.len()
-            && clause.locals.len() > 1
+            && zipped(&self.program, clause).is_some()
         {
             let mut values = Vec::with_capacity(call.args.len());
             for arg in &call.args {
@@ -116,6 +115,19 @@ impl Engine {
     }
 }
 
+fn too_many(span: Span) -> Diagnostic {
+    error::value("this makes too many items", span)
+}
+
+/// The arrays that a `for` with several names goes through side by side, as many as it has names.
+pub(super) fn zipped<'a>(program: &Program, clause: &'a ForClause) -> Option<Vec<&'a Expr>> {
+    let ExprKind::Call(call) = &clause.items.kind else { return None };
+    let Callee::Native(id) = call.callee else { return None };
+    let args: Vec<&Expr> = call.args.iter().flatten().collect();
+    let is_zip = program.decl(id).name == "zip" && clause.locals.len() > 1;
+    (is_zip && args.len() == clause.locals.len()).then_some(args)
+}
+
 /// The items that a comprehension iterates over.
 pub(super) enum Items {
     List(Arc<Vec<Value>>),
@@ -126,7 +138,7 @@ pub(super) enum Items {
 }
 
 impl Items {
-    fn of(value: Value) -> Option<Items> {
+    pub(super) fn of(value: Value) -> Option<Items> {
         match value {
             Value::List(items) => Some(Items::List(items)),
             Value::Num(x) if !x.shape().is_empty() => Some(Items::Numbers(x)),

@@ -317,13 +317,7 @@ impl Engine {
         let (Some(a), Some(b)) = (first.number(), last.number()) else {
             return Err(error::kind("a range goes from a number to a number", span));
         };
-        let b = if inclusive { b + 1.0 } else { b };
-        let count = (b - a).ceil().max(0.0);
-        if count.is_nan() || count > MAX_ITEMS {
-            return Err(error::value(format!("a range of {count} items is too long"), span));
-        }
-        memory::ask_for::<f64>(count as usize).map_err(|e| error::memory(e, span))?;
-        Ok(Value::tensor(Tensor::vector((0..count as usize).map(|i| a + i as f64).collect())))
+        range(a, b, inclusive, span)
     }
 
     fn with(&mut self, body: &Expr, replacements: &[Replacement], span: Span) -> Result<Value> {
@@ -381,6 +375,17 @@ impl Engine {
             _ => Ok(v),
         }
     }
+}
+
+/// The numbers from `a` to `b`.
+pub(super) fn range(a: f64, b: f64, inclusive: bool, span: Span) -> Result<Value> {
+    let b = if inclusive { b + 1.0 } else { b };
+    let count = (b - a).ceil().max(0.0);
+    if count.is_nan() || count > MAX_ITEMS {
+        return Err(error::value(format!("a range of {count} items is too long"), span));
+    }
+    memory::ask_for::<f64>(count as usize).map_err(|e| error::memory(e, span))?;
+    Ok(Value::tensor(Tensor::vector((0..count as usize).map(|i| a + i as f64).collect())))
 }
 
 /// A condition; an error if it compares a NaN.

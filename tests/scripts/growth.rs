@@ -115,6 +115,115 @@ let twice_each = grad(sum(grad(dot(weights, one_by_one), q)), q)
     assert!(sound > 800, "only {sound} of 1200 had a value");
 }
 
+/// An expression of the vectors `P` and `Q` and of the number `X`, which stand for items, and of the names of `VECTORS`: a number, or a vector of three.
+fn vectors(dice: &mut Dice, depth: usize, is_number: bool) -> String {
+    if depth == 0 {
+        let leaves = if is_number { ["X", "P.y", "Q[2]", "0.5"] } else { ["P", "Q", "d", "P.zxy"] };
+        return leaves[dice.below(4)].to_owned();
+    }
+    let mut number = |is_number: bool| vectors(dice, depth - 1, is_number);
+    let (n, m, u, v) = (number(true), number(true), number(false), number(false));
+    let scalars = [
+        format!("dot({u}, {v})"),
+        format!("length({u})"),
+        format!("distance({u}, {v})"),
+        format!("sum({u} * {n})"),
+        format!("norm({u} - {v})"),
+        format!("max({u})"),
+        format!("mean({u} ^ 2)"),
+        format!("sum([({n} + k) * {m} for k in s])"),
+        format!("sum([e * {n} + h for e, h in zip({u}, {v})])"),
+        format!("max([dot(r, {u}) for r in m])"),
+        format!("sum([c * sin(o * {n} * 1deg) for o in 0..3 for c in {u}])"),
+        format!("({u} @ {v})"),
+        format!("pair({n}, {u}).weight"),
+        format!("len({u}) * {n}"),
+        format!("std({u}) + {u}[0..2].y"),
+        format!("(if {n} > {m} then dot({u}, d) else {m})"),
+        format!("both(t => t * {n}, {m})"),
+        format!("apply(t => t ^ 2, {n})"),
+        format!("({n} * {m} - {n})"),
+        format!("[{u}, {v}][1].x"),
+    ];
+    let of_three = [
+        format!("cross({u}, {v})"),
+        format!("normalize({u})"),
+        format!("({u} + {v} * {n})"),
+        format!("(m @ {u})"),
+        format!("(turn @ {u})"),
+        format!("[{n}, {m}, X]"),
+        format!("pair({n}, {u}).at"),
+        format!("[{n} * k for k in {u}]"),
+        format!("(if {n} < 0.3 then {u} else {v})"),
+        format!("sum([{u} * k for k in s], axis: 0)"),
+    ];
+    let all: &[String] = if is_number { &scalars } else { &of_three };
+    format!("({})", all[dice.below(all.len())])
+}
+
+const VECTORS: &str = "param ps = [[0.3, -1.2, 0.5], [2, 0.1, -0.4], [1, 1.5, -2], [-0.7, 0.2, 0.9]]
+param qs = [[1, 0.5, -0.3], [0.2, -1, 0.6], [-1.1, 0.4, 0.8], [0.9, -0.2, 1.3]]
+param xs = [0.4, -0.8, 1.7, 0.2]
+param d = [0.6, -0.1, 1.2]
+param s = [0.5, -1.5]
+let m = [[1, 0.2, -0.5], [0.3, -1, 0.7], [0.9, 0.1, 0.4]]
+let turn = rotation(axis: [0, 1, 1], angle: 40deg)
+let balls = [{ at: ps[i], towards: qs[i], size: xs[i], name: \"b\" } for i in 0..4]
+fn pair(weight, at) = { weight: weight * 2, at: at - d }
+fn apply(f, x) = f(x)
+fn both(f, x) = f(x) + x
+";
+
+/// Numbers, rows and records at once and one by one: their values, and the derivatives of these by all that they are made of.
+#[test]
+fn comprehensions_over_vectors_and_records_give_what_their_items_give() {
+    let mut dice = Dice(0x2468_ace1);
+    let mut sound = 0;
+    for round in 0..160 {
+        let body = vectors(&mut dice, 1 + round % 3, true);
+        let with = |p: &str, q: &str, x: &str| {
+            // Names of functions have these letters in small.
+            format!("({})", body.replace('P', p).replace('Q', q).replace('X', x))
+        };
+        let each = |i: usize, j: usize| with(&format!("ps[{i}]"), &format!("qs[{j}]"), &format!("xs[{i}]"));
+        let (mut single, mut pairs) = (Vec::new(), Vec::new());
+        for i in 0..4 {
+            single.push(each(i, i));
+            (0..4).for_each(|j| pairs.push(each(i, j)));
+        }
+        let by_zip = with("p", "q", "x");
+        let by_index = with("ps[i]", "qs[i]", "xs[i]");
+        let by_record = with("b.at", "b.towards", "b.size");
+        let by_pair = with("ps[i]", "q", "xs[i]");
+        let mut text = format!("{VECTORS}let w = [1, -2, 0.5, 3]\nlet w2 = [sin(i * 40deg) for i in 0..16]\n");
+        let ways = [
+            ("zipped", format!("[{by_zip} for p, q, x in zip(ps, qs, xs)]"), "single", "w"),
+            ("indexed", format!("[{by_index} for i in 0..4]"), "single", "w"),
+            ("recorded", format!("[{by_record} for b in balls]"), "single", "w"),
+            ("paired", format!("[{by_pair} for i in 0..4 for q in qs]"), "pairs", "w2"),
+        ];
+        let mut add = |name: &str, value: &str, weights: &str| {
+            text += &format!("let {name} = {value}\n");
+            for param in ["ps", "qs", "xs", "d", "s"] {
+                text += &format!("let {name}_by_{param} = grad(dot({weights}, {name}), {param})\n");
+            }
+        };
+        add("single", &format!("[{}]", single.join(", ")), "w");
+        add("pairs", &format!("[{}]", pairs.join(", ")), "w2");
+        ways.iter().for_each(|(name, value, _, weights)| add(name, value, weights));
+        let mut engine = engine(&text);
+        for (name, _, wanted, _) in ways {
+            for suffix in ["", "_by_ps", "_by_qs", "_by_xs", "_by_d", "_by_s"] {
+                let found = numbers(&mut engine, &format!("{name}{suffix}"));
+                let wanted = numbers(&mut engine, &format!("{wanted}{suffix}"));
+                assert!(close(&found, &wanted), "{name}{suffix}: {found:?}, not {wanted:?}\n{text}");
+                sound += usize::from(wanted.is_ok());
+            }
+        }
+    }
+    assert!(sound > 3000, "only {sound} of 3840 had a value");
+}
+
 #[test]
 fn comprehensions_over_rows_indices_and_several_ranges() {
     let rows = "param pts = [[1, 2], [3, -4], [0.5, 6]]
@@ -141,6 +250,29 @@ let n = 3
             "[norm(pts[0]), 2 * norm(pts[0]), norm(pts[1]), 2 * norm(pts[1]), norm(pts[2]), 2 * norm(pts[2])]",
         ),
         ("[if i < 1 then 1 else norm(pts[i]) for i in 0..3]", "[1, norm(pts[1]), norm(pts[2])]"),
+        (
+            "[sum([p.x * q.y for q in pts if q.x > p.x]) for p in pts]",
+            "[pts[0].x * pts[1].y, 0, pts[2].x * pts[0].y + pts[2].x * pts[1].y]",
+        ),
+        ("[p.x * j for p in pts if p.y > 0 for j in 0..3 if j > p.x]", "[2 * pts[0].x, pts[2].x, 2 * pts[2].x]"),
+        (
+            "[x * y for p in pts for x, y in zip(p, k)]",
+            "[2 * pts[0].x, 3 * pts[0].y, 2 * pts[1].x, 3 * pts[1].y, 2 * pts[2].x, 3 * pts[2].y]",
+        ),
+        (
+            "[sum(p * pts[j]) for p in pts for j in 0..0 + 1]",
+            "[dot(pts[0], pts[0]), dot(pts[1], pts[0]), dot(pts[2], pts[0])]",
+        ),
+        (
+            "[r.b * r.a for r in [{ a: p.x, b: p * 2 } for p in pts]]",
+            "[pts[0] * 2 * pts[0].x, pts[1] * 2 * pts[1].x, pts[2] * 2 * pts[2].x]",
+        ),
+        ("[sum([p, k], axis: 0) for p in pts]", "[pts[0] + k, pts[1] + k, pts[2] + k]"),
+        ("[sum([p, k], axis: -1) for p in pts]", "[[sum(pts[0]), 5], [sum(pts[1]), 5], [sum(pts[2]), 5]]"),
+        (
+            "[(transpose([p, k]) @ p) for p in pts]",
+            "[transpose([pts[0], k]) @ pts[0], transpose([pts[1], k]) @ pts[1], transpose([pts[2], k]) @ pts[2]]",
+        ),
     ] {
         let text = format!(
             "{rows}let once = {comprehension}\nlet each = {items}\nlet slope = grad(sum(once ^ 2), pts)\nlet slope_each = grad(sum(each ^ 2), pts)\n"
@@ -166,10 +298,10 @@ fn long_comprehensions_and_their_derivatives_end() {
     let mut engine = engine(
         "param q = [1 + 0 * i for i in 0..100000]
 let at_once = mean([(1 - x) ^ 2 for x in q])
-let by_item = mean([norm([x, 2]) ^ 2 for x in q[0..30000]])
+let by_item = mean([determinant([[x, 2], [-2, x]]) for x in q[0..30000]])
 let slope = grad(at_once, q)[7]
 let slope_by_item = grad(by_item, q)[7] * 30000
-let constant = sum([len([x, x]) for x in 0..200000])
+let constant = sum([len(concat([x], [x])) for x in 0..200000])
 ",
     );
     assert_eq!(numbers(&mut engine, "at_once"), Ok(vec![0.0]));
