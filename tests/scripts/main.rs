@@ -45,4 +45,5 @@ mod script_tests;
 mod strangers;
 mod terminal;
 mod tidy;
+mod told_of_files;
 mod typed_programs;

@@ -112,20 +112,6 @@ fn materials_mean_what_their_letters_say() {
 }
 
 #[test]
-fn what_a_material_asks_for_in_vain_is_told_by_name() {
-    let place = Place::new();
-    place.write("dot.png", dot(&[1.0, 0.0, 0.0]));
-    let mtl = "newmtl m\nmap_Bump -bm 2 dot.png\nillum 7\nmap_Kd -mm 0 2 dot.png\nmap_Ke gone.png\nPs 0.5\n";
-    let (_, loaded) = material(&place, mtl);
-    let expected = [
-        "parts of materials are left out: map_Bump of “m”, `-mm` of map_Kd of “m”, Ps of “m”",
-        "glass (`illum` 4, 6, 7 and 9) without a refractive index (`Ni`) above 1 is rendered as an opaque surface: “m”",
-        "image “gone.png” of material “m”: there is no such file or folder",
-    ];
-    assert_eq!(loaded.warnings, expected);
-}
-
-#[test]
 fn material_libraries_may_be_late_many_or_missing() {
     let place = Place::new();
     place.write("my lib.mtl", "newmtl a b\nKd 1 0 0\n");
@@ -161,6 +147,24 @@ fn obj_text_comes_in_many_spellings() {
         "statements are left out: `curv` (line 11), `bevel` (line 13)",
     ];
     assert_eq!(read(&place, "odd.obj").warnings, expected);
+    for (text, told) in [
+        ("v 1 1 1 0.5", "weights and opacities of vertices and third texture coordinates are left out: `v` (line 9)"),
+        (
+            "v 1 1 1 0 0 1 0.5",
+            "weights and opacities of vertices and third texture coordinates are left out: `v` (line 9)",
+        ),
+        ("vt 0 0 0.5", "weights and opacities of vertices and third texture coordinates are left out: `vt` (line 9)"),
+        ("s smooth", "smoothing groups that are no number are taken as off: `s smooth` (line 9)"),
+    ] {
+        place.write("odd.obj", format!("{SQUARE}{text}\nf 1 2 3\n"));
+        assert_eq!(read(&place, "odd.obj").warnings, [told]);
+    }
+    place.write("even.obj", format!("{SQUARE}v 1 1 1 1\nv 1 1 1 0 0 1 1\nvt 0 0 0\ns off\nf 1 2 3\n"));
+    assert_eq!(read(&place, "even.obj").warnings, Vec::<String>::new());
+    place.write("dark.obj", "v 0 0 0 -1 0 1\nv 1 0 0 1 1 1\nv 0 1 0 1 1 1\nf 1 2 3\n");
+    let loaded = read(&place, "dark.obj");
+    assert_eq!(only(&loaded).mesh.colors.as_ref().unwrap()[0], Vec3::Z);
+    assert_eq!(loaded.warnings, ["colours of vertices below 0 are raised to it: “dark”"]);
     for (text, message) in [
         ("f 1 2 7", "line 9 of the OBJ file: there is no vertex 7; there are 4"),
         ("f 1 2 -5", "line 9 of the OBJ file: there is no vertex -5; there are 4"),
@@ -535,60 +539,6 @@ fn normal_maps_and_glass_of_gltf() {
     let Some(Clear::Body { absorption, .. }) = material(2).clear else { panic!("no body") };
     assert_eq!([1, 2].map(|i| material(i).roughness), [0.0, 0.2]);
     assert!((absorption - vec3(4f32.ln() / 0.5, 2f32.ln() / 0.5, 0.0)).length() < 1e-5, "{absorption}");
-}
-
-#[test]
-fn what_gltf_asks_for_in_vain_is_told_by_name() {
-    let place = Place::new();
-    let mut file = Builder::new();
-    file.add("images", json!({"uri": "gone.png"}));
-    file.add("textures", json!({"source": 0}));
-    file.add("textures", json!({"extensions": {"KHR_texture_basisu": {"source": 0}}}));
-    file.add(
-        "materials",
-        json!({"name": "glass", "normalTexture": {"index": 0}, "emissiveTexture": {"index": 1},
-        "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}},
-        "extensions": {"KHR_materials_transmission": {"transmissionFactor": 1},
-            "KHR_materials_pbrSpecularGlossiness": {"glossinessFactor": 0.5}}}),
-    );
-    let mesh = file.triangle(json!({}), json!({"material": 0}));
-    file.add(
-        "nodes",
-        json!({"mesh": mesh, "name": "n", "extensions": {"EXT_mesh_gpu_instancing": {"attributes": {}}}}),
-    );
-    file.add("animations", json!({"name": "walk", "channels": [], "samplers": []}));
-    place.write("a.gltf", file.text());
-    let expected = [
-        "animations are left out: everything is as it stands without them: “walk”",
-        "extensions of nodes are left out: EXT_mesh_gpu_instancing of “n”",
-        "extensions of materials are left out: KHR_materials_pbrSpecularGlossiness of “glass”",
-        "image “gone.png” of “glass”: there is no such file or folder",
-        "images in formats that are not supported are left out: KHR_texture_basisu of “glass”",
-        "panes are smooth and let all light through but for their colour: what they have beside it is left out: “glass”",
-    ];
-    assert_eq!(read(&place, "a.gltf").warnings, expected);
-    // A mesh alone has no material to be told of, but for files that are not there.
-    let told = load(&place.path("a.gltf"), Wanted::Mesh).unwrap().warnings;
-    assert_eq!(told, [expected[0], expected[1], "images are missing: “gone.png” of “glass”"]);
-    // What is not supported is not damaged.
-    for (required, version, says) in [
-        (
-            "KHR_draco_mesh_compression",
-            "2.0",
-            "its meshes are compressed (KHR_draco_mesh_compression), which is not supported",
-        ),
-        ("KHR_lights_punctual", "1.0", "this is glTF 1.0, which is not supported"),
-    ] {
-        let mut file = Builder::new();
-        file.json["extensionsRequired"] = json!([required]);
-        file.json["asset"]["version"] = json!(version);
-        if version == "1.0" {
-            file.json["meshes"] = json!({"a": {}});
-        }
-        let path = place.write("b.gltf", file.text());
-        let found = load(&path, Wanted::Scene).unwrap_err().to_string();
-        assert!(found.contains(says) && !found.contains("damaged"), "{found}");
-    }
 }
 
 /// Of a file and of the language; the highlight of `principled` is subtracted, being the same.

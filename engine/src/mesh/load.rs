@@ -302,21 +302,6 @@ impl LoadedMaterial {
         self.normals.is_some() || self.grain.is_some() || images.flatten().any(varies)
     }
 
-    /// Brings colours and numbers back to where they mean something: 0 to 1, and no light below 0. Whether some had to be.
-    fn bring_into_range(&mut self) -> bool {
-        let mut has_changed = false;
-        let mut set = |x: &mut f32, to: f32| has_changed |= std::mem::replace(x, to) != to;
-        let sheen =
-            self.sheen.iter_mut().flat_map(|sheen| sheen.color.as_mut().iter_mut().chain([&mut sheen.roughness]));
-        let coat = self.coat.iter_mut().flat_map(|coat| [&mut coat.weight, &mut coat.roughness]);
-        let grain = self.grain.iter_mut().map(|grain| &mut grain.strength);
-        let units = self.base_color.as_mut().iter_mut().chain([&mut self.metallic, &mut self.roughness]);
-        units.chain(sheen).chain(coat).chain(grain).for_each(|x| set(x, x.clamp(0.0, 1.0)));
-        let positive = self.emissive.as_mut().iter_mut().chain([&mut self.specular]);
-        positive.for_each(|x| set(x, x.max(0.0)));
-        has_changed
-    }
-
     /// Base colour as a texture of three channels, already multiplied by the number; of size 1×1 if the file has no image.
     pub fn base_color_texels(&self) -> LoadedImage {
         texels(self.base_color_image.as_ref(), &self.base_color.to_array())
@@ -437,7 +422,7 @@ pub fn decode_mesh(bytes: &[u8], extension: &str, folder: &Path, name: &str, wan
                 .about("normals that are not finite are replaced by those of the faces", format!("“{}”", part.name));
         }
         part.mesh.validate().map_err(|e| e.to_string())?;
-        within_range(part, &mut reading);
+        colors_within_range(part, &mut reading);
         if part.mesh.uvs.is_none() && reading.materials() && part.material.as_ref().is_some_and(|m| m.has_images()) {
             let sentence = "without texture coordinates an image is shown on every face anew, and a normal map or an anisotropy is left out";
             reading.notes.about(sentence, format!("“{}”", part.name));
@@ -453,9 +438,16 @@ pub fn decode_mesh(bytes: &[u8], extension: &str, folder: &Path, name: &str, wan
 /// What is said of a file that has nothing to show.
 pub const NO_TRIANGLE: &str = "the file holds no triangle";
 
-/// What a script would be refused for: numbers of a material beyond 0 to 1 are brought back, and colours of vertices up to 255 are of bytes.
-/// Other such colours stay, as they may be meant for what shines.
-fn within_range(part: &mut LoadedPart, reading: &mut Reading) {
+/// What a script would be refused for: colours of vertices up to 255 are of bytes, and what reflects less than nothing reflects nothing. Other
+/// colours stay, as they may be meant for what shines.
+fn colors_within_range(part: &mut LoadedPart, reading: &mut Reading) {
+    let mut is_negative = false;
+    for color in part.mesh.colors.iter_mut().flatten().filter(|c| c.min_element() < 0.0) {
+        (*color, is_negative) = (color.max(Vec3::ZERO), true);
+    }
+    if is_negative {
+        reading.notes.about("colours of vertices below 0 are raised to it", format!("“{}”", part.name));
+    }
     let brightest = part.mesh.colors.iter().flatten().map(|c| c.max_element()).fold(0.0, f32::max);
     if brightest > 1.0 {
         let is_of_bytes = |c: &Vec3| *c == c.round() && c.min_element() >= 0.0 && c.max_element() <= 255.0;
@@ -466,13 +458,6 @@ fn within_range(part: &mut LoadedPart, reading: &mut Reading) {
         } else {
             reading.notes.about("colours of vertices beyond 1 reflect more light than there is", name);
         }
-    }
-    let Some(shared) = &part.material else { return };
-    let mut material = LoadedMaterial::clone(shared);
-    if material.bring_into_range() && reading.materials() {
-        let sentence = "colours and numbers of materials beyond their range are brought back into it";
-        reading.notes.about(sentence, format!("“{}”", material.name));
-        part.material = Some(Arc::new(material));
     }
 }
 

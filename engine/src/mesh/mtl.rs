@@ -3,7 +3,7 @@
 //! `Kd` and `map_Kd` are the base colour, `Ke` and `map_Ke` the emission. `Pr` is the roughness (if it is missing, the exponent `Ns`) and
 //! `Pm` the metallicity, with their maps. `specular` of `principled` follows from the mean of `Ks` or, if that is missing, from the index
 //! of refraction `Ni`. `d` (or 1 − `Tr`) and `map_d` are the opacity, `norm` is a normal map. `illum` 0 and 1 have no highlight; 4, 6, 7
-//! and 9 are clear glass of the index `Ni`. Other statements are reported as not supported.
+//! and 9 are clear glass of the index `Ni`. Other statements are reported as not supported, and numbers beyond their range as brought back.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -15,7 +15,7 @@ use crate::image::file::{Encoding, is_file, read_bytes};
 use crate::image::{Image, Wrap};
 
 use super::load::{Clear, Coat, LoadedImage, LoadedMaterial};
-use super::reading::{Reading, lines, text_of, without_mark};
+use super::reading::{Notes, Reading, lines, text_of, without_mark};
 
 /// Transformation of a material's texture coordinates: they are scaled, then translated.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -57,6 +57,8 @@ struct Mtl {
     coat_roughness: Option<f32>,
     opacity: Option<f32>,
     transparency: Option<f32>,
+    /// Whether there is ambient light, which is traced instead.
+    ambient: bool,
     illumination: Option<i32>,
     /// By the name of the statement.
     maps: HashMap<&'static str, Map>,
@@ -102,7 +104,7 @@ impl Library {
 
     pub fn material(&self, name: &str, reading: &mut Reading) -> Option<(Arc<LoadedMaterial>, Placement)> {
         let mtl = self.materials.get(name)?;
-        let (material, placement) = mtl.convert(name, reading);
+        let (material, placement) = mtl.within_range(name, reading).convert(name, reading);
         Some((Arc::new(material), placement))
     }
 
@@ -183,16 +185,31 @@ impl Mtl {
                     return Err(Fault::Odd);
                 }
                 self.illumination = Some(model as i32);
+                if model == 10.0 {
+                    self.left_out.push("`illum 10` (a surface of which only the shadows show)".into());
+                }
             }
             "map_kd" | "map_ke" | "map_pr" | "map_pm" | "map_d" | "norm" => {
                 let map = self.map(word, rest)?;
                 let name = MAPS.into_iter().find(|m| m.eq_ignore_ascii_case(word)).ok_or(Fault::Unknown)?;
                 self.maps.insert(name, map);
             }
-            // The path tracer computes ambient light itself; antialiasing and sharpness are no properties of the material here.
-            "ka" | "map_ka" | "map_aat" | "sharpness" => {}
-            // These matter only for transparent materials, which `illum` reports.
-            "tf" => drop(color(rest)?),
+            "ka" => self.ambient |= color(rest)? != Vec3::ZERO,
+            "map_ka" => self.ambient = true,
+            // Every image is antialiased.
+            "map_aat" => {}
+            // What filters the light that passes: white leaves it as it is.
+            "tf" => {
+                if color(rest)? != Vec3::ONE {
+                    self.left_out.push(word.to_string());
+                }
+            }
+            // How sharp a reflected image is; by default 60.
+            "sharpness" => {
+                if number(rest)? != 60.0 {
+                    self.left_out.push(word.to_string());
+                }
+            }
             "pc" => self.coat = Some(number(rest)?),
             "pcr" => self.coat_roughness = Some(number(rest)?),
             "ps" | "aniso" | "anisor" => {
@@ -242,7 +259,11 @@ impl Mtl {
                 "-s" => map.placement.scale = vec2(at(0, 1.0), at(1, 1.0)),
                 "-o" => map.placement.offset = vec2(at(0, 0.0), at(1, 0.0)),
                 "-clamp" => map.clamp = is_on,
-                "-imfchan" => map.channel = words[0].chars().next(),
+                // The luminance is the mean; a depth, and one channel of a colour, are not supported.
+                "-imfchan" => match words[0].chars().next() {
+                    Some(channel @ ('r' | 'g' | 'b' | 'm' | 'l')) if !has_colors(word) => map.channel = Some(channel),
+                    _ => self.left_out.push(format!("`{option}` of {word}")),
+                },
                 // Options that have their default value, or do not change the appearance.
                 "-mm" if at(0, 0.0) == 0.0 && at(1, 1.0) == 1.0 => {}
                 "-t" if (0..3).all(|i| at(i, 0.0) == 0.0) => {}
@@ -262,20 +283,67 @@ impl Mtl {
         Ok(map)
     }
 
+    /// The material with its numbers in the ranges where they mean something.
+    fn within_range(&self, name: &str, reading: &mut Reading) -> Mtl {
+        let mut new = self.clone();
+        let whose = format!("“{name}”");
+        let colors =
+            [("Kd", &mut new.diffuse, 1.0), ("Ks", &mut new.specular, 1.0), ("Ke", &mut new.emissive, f32::MAX)];
+        for (what, color, most) in colors {
+            *color = color.map(|color| reading.within(color.to_array(), 0.0..=most, what, &whose).into());
+        }
+        let numbers = [
+            ("Ns", &mut new.exponent, 0.0..=f32::MAX),
+            ("Pr", &mut new.roughness, 0.0..=1.0),
+            ("Pm", &mut new.metallic, 0.0..=1.0),
+            ("Pc", &mut new.coat, 0.0..=1.0),
+            ("Pcr", &mut new.coat_roughness, 0.0..=1.0),
+            ("d", &mut new.opacity, 0.0..=1.0),
+            ("Tr", &mut new.transparency, 0.0..=1.0),
+            ("Ni", &mut new.index, f32::MIN..=10.0),
+        ];
+        for (what, number, range) in numbers {
+            *number = number.map(|number| reading.within([number], range, what, &whose)[0]);
+        }
+        // There is no index nearest to one that no material has.
+        if new.index.is_some_and(|index| index < 1.0) {
+            new.index = None;
+            if reading.materials() {
+                reading.notes.about("refractive indices (`Ni`) below 1 are left out", &whose);
+            }
+        }
+        new
+    }
+
+    /// Reports what the material says in vain.
+    fn tell(&self, name: &str, notes: &mut Notes) {
+        for what in &self.left_out {
+            notes.about("parts of materials are left out", format!("{what} of “{name}”"));
+        }
+        if self.ambient {
+            notes.about("ambient colours (`Ka`, `map_Ka`) are left out: ambient light is traced", format!("“{name}”"));
+        }
+        let is_grey = |color: Vec3| color == Vec3::splat(color.x);
+        if self.specular.is_some_and(|color| !is_grey(color)) && !matches!(self.illumination, Some(0 | 1)) {
+            notes.about("of the colours of highlights (`Ks`) only the mean is taken", format!("“{name}”"));
+        }
+        if self.opacity.zip(self.transparency).is_some_and(|(d, tr)| (d - (1.0 - tr)).abs() > 1e-3) {
+            notes.about("where `d` and `Tr` contradict each other, `d` counts", format!("“{name}”"));
+        }
+        if self.clear().is_some() {
+            let sentence =
+                "glass (`illum` 4, 6, 7 and 9) is smooth and clear: its colour, roughness and images are left out";
+            notes.about(sentence, format!("“{name}”"));
+        } else if matches!(self.illumination, Some(4 | 6 | 7 | 9)) {
+            let sentence = "glass (`illum` 4, 6, 7 and 9) without a refractive index (`Ni`) above 1 is rendered as an opaque surface";
+            notes.about(sentence, format!("“{name}”"));
+        }
+    }
+
     fn convert(&self, name: &str, reading: &mut Reading) -> (LoadedMaterial, Placement) {
         let whose = format!("material “{name}”");
         if reading.materials() {
-            for what in &self.left_out {
-                reading.notes.about("parts of materials are left out", format!("{what} of “{name}”"));
-            }
-            if self.clear().is_some() {
-                let sentence =
-                    "glass (`illum` 4, 6, 7 and 9) is smooth and clear: its colour, roughness and images are left out";
-                reading.notes.about(sentence, format!("“{name}”"));
-            } else if matches!(self.illumination, Some(4 | 6 | 7 | 9)) {
-                let sentence = "glass (`illum` 4, 6, 7 and 9) without a refractive index (`Ni`) above 1 is rendered as an opaque surface";
-                reading.notes.about(sentence, format!("“{name}”"));
-            }
+            self.tell(name, &mut reading.notes);
         }
         // A material has one transformation of texture coordinates: that of its first image.
         let first = MAPS.iter().find_map(|m| self.maps.get(m));
@@ -311,17 +379,16 @@ impl Mtl {
             (Some(_), None | Some(Vec3::ZERO)) => Vec3::ONE,
             (_, color) => color.unwrap_or(or),
         };
-        let unit = |x: f32| x.clamp(0.0, 1.0);
         let number = |image: &Option<LoadedImage>, x: Option<f32>, or: f32| match (image, x) {
             (Some(_), None | Some(0.0)) => 1.0,
-            (_, x) => unit(x.unwrap_or(or)),
+            (_, x) => x.unwrap_or(or),
         };
-        let from_exponent = |ns: f32| (2.0 / (ns.clamp(0.0, 1e8) + 2.0)).powf(0.25);
+        let from_exponent = |ns: f32| (2.0 / (ns + 2.0)).powf(0.25);
         let clear = self.clear();
-        let coat = self.coat.map(unit).filter(|weight| clear.is_none() && *weight > 0.0).map(|weight| Coat {
+        let coat = self.coat.filter(|weight| clear.is_none() && *weight > 0.0).map(|weight| Coat {
             weight,
             weight_image: None,
-            roughness: unit(self.coat_roughness.unwrap_or(0.0)),
+            roughness: self.coat_roughness.unwrap_or(0.0),
             roughness_image: None,
         });
         let mask = mask.filter(|_| clear.is_none());
@@ -332,7 +399,7 @@ impl Mtl {
             None => number(&roughness_image, self.roughness.or(self.exponent.map(from_exponent)), 1.0),
         };
         let opacity = if clear.is_some() { Some(1.0) } else { self.opacity };
-        let opacity = unit(opacity.or(self.transparency.map(|t| 1.0 - t)).unwrap_or(1.0));
+        let opacity = opacity.or(self.transparency.map(|t| 1.0 - t)).unwrap_or(1.0);
         let material = LoadedMaterial {
             name: name.to_string(),
             base_color: beside(&base_color_image, self.diffuse, Vec3::ONE),
@@ -365,7 +432,7 @@ impl Mtl {
         let is_glass = matches!(self.illumination, Some(4 | 6 | 7 | 9));
         self.index
             .filter(|index| is_glass && *index > 1.0)
-            .map(|index| Clear::Body { ior: index.min(10.0), absorption: Vec3::ZERO })
+            .map(|index| Clear::Body { ior: index, absorption: Vec3::ZERO })
     }
 
     /// The factor on the usual reflectance of 4 % at normal incidence.
@@ -373,19 +440,24 @@ impl Mtl {
         match (self.illumination, self.specular, self.index) {
             (Some(0 | 1), ..) => 0.0,
             // A `specular` of 0.5 stands for those 4 %.
-            (_, Some(specular), _) => 2.0 * (specular.element_sum() / 3.0).clamp(0.0, 1.0),
-            (.., Some(index)) if index >= 1.0 => ((index - 1.0) / (index + 1.0)).powi(2) / 0.04,
+            (_, Some(specular), _) => 2.0 * specular.element_sum() / 3.0,
+            (.., Some(index)) => ((index - 1.0) / (index + 1.0)).powi(2) / 0.04,
             _ => 1.0,
         }
     }
+}
+
+/// Whether the image of a map statement has colours or directions, not numbers.
+fn has_colors(word: &str) -> bool {
+    ["map_kd", "map_ke", "norm"].iter().any(|name| name.eq_ignore_ascii_case(word))
 }
 
 /// Three numbers as a colour, or one number for all channels.
 fn color(text: &str) -> Result<Vec3, Fault> {
     let numbers: Vec<f32> = uncommented(text).split_whitespace().map(number).collect::<Result<_, _>>()?;
     match numbers[..] {
-        [grey] => Ok(Vec3::splat(grey.max(0.0))),
-        [r, g, b] | [r, g, b, _] => Ok(Vec3::new(r, g, b).max(Vec3::ZERO)),
+        [grey] => Ok(Vec3::splat(grey)),
+        [r, g, b] | [r, g, b, _] => Ok(Vec3::new(r, g, b)),
         _ => Err(Fault::Odd),
     }
 }

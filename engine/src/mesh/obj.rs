@@ -90,14 +90,25 @@ impl Obj {
         match word {
             "" => {}
             _ if word.starts_with('#') => {}
-            "v" => self.vertex(&numbers(rest, line)?, line)?,
-            "vt" => match numbers(rest, line)?[..] {
-                [] => return Err(wrong(line, "a texture coordinate without a number")),
-                [u] => self.uvs.push(vec2(u, 0.0)),
-                [u, v, ..] => self.uvs.push(vec2(u, v)),
-            },
+            "v" => self.vertex(&numbers(rest, line)?, line, reading)?,
+            "vt" => {
+                let (uv, others) = match numbers(rest, line)?[..] {
+                    [] => return Err(wrong(line, "a texture coordinate without a number")),
+                    [u] => (vec2(u, 0.0), false),
+                    [u, v, ref others @ ..] => (vec2(u, v), others.iter().any(|w| *w != 0.0)),
+                };
+                self.uvs.push(uv);
+                if others {
+                    tell_of_number("vt", line, reading);
+                }
+            }
             "vn" => match numbers(rest, line)?[..] {
-                [x, y, z, ..] => self.normals.push(vec3(x, y, z)),
+                [x, y, z, ref others @ ..] => {
+                    self.normals.push(vec3(x, y, z));
+                    if !others.is_empty() {
+                        tell_of_number("vn", line, reading);
+                    }
+                }
                 _ => return Err(wrong(line, "a normal of fewer than three numbers")),
             },
             "f" | "fo" => self.face(uncommented(rest), line)?,
@@ -105,7 +116,19 @@ impl Obj {
                 self.name = rest.to_string();
                 self.part = None;
             }
-            "s" => self.smoothing = if rest == "on" { 1 } else { rest.parse().unwrap_or(0) },
+            "s" => {
+                let group = uncommented(rest).trim();
+                self.smoothing = match group {
+                    "on" => 1,
+                    "off" | "null" | "" => 0,
+                    _ => group.parse().unwrap_or_else(|_| {
+                        let group: String = group.chars().take(40).collect();
+                        let sentence = "smoothing groups that are no number are taken as off";
+                        reading.notes.about(sentence, format!("`s {group}` (line {line})"));
+                        0
+                    }),
+                }
+            }
             "usemtl" => {
                 self.material = (!rest.is_empty()).then(|| rest.to_string());
                 self.part = None;
@@ -122,12 +145,18 @@ impl Obj {
         Ok(())
     }
 
-    fn vertex(&mut self, numbers: &[f32], line: usize) -> Result<(), String> {
-        let (position, color) = match *numbers {
-            [x, y, z] | [x, y, z, _] => (vec3(x, y, z), Vec3::NAN),
-            [x, y, z, r, g, b] | [x, y, z, r, g, b, _] => (vec3(x, y, z), vec3(r, g, b)),
+    fn vertex(&mut self, numbers: &[f32], line: usize, reading: &mut Reading) -> Result<(), String> {
+        // A fourth number is a weight, which means something to curves alone, and a seventh an opacity.
+        let (position, color, other) = match *numbers {
+            [x, y, z] => (vec3(x, y, z), Vec3::NAN, 1.0),
+            [x, y, z, w] => (vec3(x, y, z), Vec3::NAN, w),
+            [x, y, z, r, g, b] => (vec3(x, y, z), vec3(r, g, b), 1.0),
+            [x, y, z, r, g, b, alpha] => (vec3(x, y, z), vec3(r, g, b), alpha),
             _ => return Err(wrong(line, &format!("a vertex of {} numbers", numbers.len()))),
         };
+        if other != 1.0 {
+            tell_of_number("v", line, reading);
+        }
         self.any_color |= !color.is_nan();
         self.positions.push(position);
         self.colors.push(color);
@@ -350,6 +379,12 @@ fn numbers(text: &str, line: usize) -> Result<Vec<f32>, String> {
         word.parse::<f32>().map_err(|_| fault())
     };
     uncommented(text).split_whitespace().map(number).collect()
+}
+
+/// Reports that the last number of a statement is not used.
+fn tell_of_number(word: &str, line: usize, reading: &mut Reading) {
+    let sentence = "weights and opacities of vertices and third texture coordinates are left out";
+    reading.notes.about(sentence, format!("`{word}` (line {line})"));
 }
 
 /// A line of numbers up to a comment. (Names, unlike numbers, may contain `#`.)

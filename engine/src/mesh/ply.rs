@@ -79,7 +79,7 @@ struct Ply {
     cutter: Option<Triangulator>,
     seen_vertices: bool,
     /// Faces that come before the vertices in the file: number, corners and texture coordinates.
-    early: Vec<(usize, Vec<f64>, Vec<f64>)>,
+    early: Vec<(usize, Vec<f64>, Option<Vec<f64>>)>,
 }
 
 pub(super) fn decode(bytes: &[u8], reading: &mut Reading) -> Result<Loaded, String> {
@@ -98,7 +98,7 @@ pub(super) fn decode(bytes: &[u8], reading: &mut Reading) -> Result<Loaded, Stri
                 ply.vertices(element, &mut body, reading)?;
                 ply.seen_vertices = true;
                 for (face, corners, uvs) in std::mem::take(&mut ply.early) {
-                    ply.polygon(face, &corners, &uvs)?;
+                    ply.polygon(face, &corners, uvs.as_deref(), reading)?;
                 }
             }
             "face" => {
@@ -220,7 +220,8 @@ fn header(bytes: &[u8]) -> Result<Header<'_>, String> {
 
 impl Ply {
     fn vertices(&mut self, element: &Element, body: &mut Body, reading: &mut Reading) -> Result<(), String> {
-        let find = |names: &[&str]| element.properties.iter().position(|p| names.contains(&p.name.as_str()));
+        let find =
+            |names: &[&str]| element.properties.iter().position(|p| p.is_scalar() && names.contains(&p.name.as_str()));
         let all =
             |names: [&[&str]; 3]| -> Option<[usize; 3]> { Some([find(names[0])?, find(names[1])?, find(names[2])?]) };
         let position = all([&["x"], &["y"], &["z"]]).ok_or("the PLY file's vertices lack x, y or z")?;
@@ -229,6 +230,8 @@ impl Ply {
             all([&["red", "r", "diffuse_red"], &["green", "g", "diffuse_green"], &["blue", "b", "diffuse_blue"]]);
         let alpha = find(&["alpha", "a", "diffuse_alpha"]).filter(|_| color.is_some());
         let uv = find(&["u", "s", "texture_u", "texture_s"]).zip(find(&["v", "t", "texture_v", "texture_t"]));
+        let used = [Some(position), normal, color].into_iter().flatten().flatten().chain(alpha);
+        element.tell_unread(used.chain(uv.into_iter().flat_map(|(u, v)| [u, v])).collect(), reading);
         let (mut normals, mut colors, mut uvs) = (Vec::new(), Vec::new(), Vec::new());
         let (mut alphas, mut is_transparent) = ([f64::INFINITY, f64::NEG_INFINITY], false);
         let mut values = vec![0.0; element.properties.len()];
@@ -265,14 +268,13 @@ impl Ply {
 
     fn faces(&mut self, element: &Element, body: &mut Body, reading: &mut Reading) -> Result<(), String> {
         let named = |names: &[&str]| {
-            let is_it = |p: &Property| matches!(p.kind, Kind::List { .. }) && names.contains(&p.name.as_str());
+            let is_it = |p: &Property| !p.is_scalar() && names.contains(&p.name.as_str());
             element.properties.iter().position(is_it)
         };
         let indices = named(&["vertex_indices", "vertex_index"]);
         let texcoord = named(&["texcoord"]);
-        if element.properties.iter().any(|p| matches!(p.name.as_str(), "red" | "diffuse_red")) {
-            reading.notes.say("the colours of faces are left out");
-        }
+        let textures = element.properties.iter().position(|p| p.name == "texnumber" && p.is_scalar());
+        element.tell_unread([indices, texcoord, textures].into_iter().flatten().collect(), reading);
         let mut texture = None;
         let (mut corners, mut uvs) = (Vec::new(), Vec::new());
         for face in 0..element.count {
@@ -281,7 +283,7 @@ impl Ply {
                 match property.kind {
                     _ if Some(i) == indices => property.list(body, &mut corners)?,
                     _ if Some(i) == texcoord => property.list(body, &mut uvs)?,
-                    Kind::Scalar(number) if property.name == "texnumber" => {
+                    Kind::Scalar(number) if Some(i) == textures => {
                         let number = body.next(number)?;
                         if *texture.get_or_insert(number) != number {
                             reading.notes.say("faces have several images, of which only the first is used");
@@ -291,8 +293,7 @@ impl Ply {
                 }
             }
             body.end_row(element, reading);
-            // Faces with fewer than three corners have no triangle.
-            self.polygon(face, &corners, if texcoord.is_some() { &uvs } else { &[] })?;
+            self.polygon(face, &corners, texcoord.map(|_| &uvs[..]), reading)?;
             if face % (1 << 16) == 0 {
                 reading.expect(self.mesh.vertices.len() as u64, self.mesh.faces.len() as u64)?;
             }
@@ -300,17 +301,32 @@ impl Ply {
         Ok(())
     }
 
-    fn polygon(&mut self, face: usize, corners: &[f64], uvs: &[f64]) -> Result<(), String> {
+    /// A face with the texture coordinates of its corners, if faces have such: two numbers for each, or none.
+    fn polygon(
+        &mut self,
+        face: usize,
+        corners: &[f64],
+        uvs: Option<&[f64]>,
+        reading: &mut Reading,
+    ) -> Result<(), String> {
         if !self.seen_vertices {
-            self.early.push((face, corners.to_vec(), uvs.to_vec()));
+            self.early.push((face, corners.to_vec(), uvs.map(<[f64]>::to_vec)));
             return Ok(());
+        }
+        if corners.len() < 3 {
+            reading.notes.about("faces of fewer than three corners are left out", format!("face {face}"));
         }
         let count = self.mesh.vertices.len();
         if let Some(i) = corners.iter().find(|i| !(0.0..count as f64).contains(*i)) {
             let last = count.saturating_sub(1);
             return Err(format!("face {face} uses vertex {i}, but the mesh has {count} vertices (0 to {last})"));
         }
-        let has_uvs = uvs.len() == 2 * corners.len() && !uvs.is_empty();
+        if uvs.is_some_and(|uvs| uvs.len() != 2 * corners.len()) {
+            let sentence = "texture coordinates (`texcoord`) that are not two numbers for each corner are left out";
+            reading.notes.about(sentence, format!("those of face {face}"));
+        }
+        let uvs = uvs.filter(|uvs| uvs.len() == 2 * corners.len() && !uvs.is_empty());
+        let has_uvs = uvs.is_some();
         if has_uvs && !self.has_wedges {
             self.has_wedges = true;
             self.wedges.resize(self.mesh.faces.len(), [Vec2::ZERO; 3]);
@@ -320,8 +336,7 @@ impl Ply {
         cutter.get_or_insert_with(Triangulator::new).cut(&places, |t| {
             mesh.faces.push(t.map(|k| corners[k] as u32));
             if *has_wedges {
-                let at =
-                    |k: usize| if has_uvs { downwards(uvs[2 * k] as f32, uvs[2 * k + 1] as f32) } else { Vec2::ZERO };
+                let at = |k: usize| uvs.map_or(Vec2::ZERO, |uvs| downwards(uvs[2 * k] as f32, uvs[2 * k + 1] as f32));
                 wedges.push(t.map(at));
             }
         });
@@ -331,12 +346,15 @@ impl Ply {
     /// Triangle strips: each triangle shares two corners with the one before. A negative index begins another strip.
     fn strips(&mut self, element: &Element, body: &mut Body, reading: &mut Reading) -> Result<(), String> {
         let mut list = Vec::new();
+        let is_it = |p: &Property| !p.is_scalar() && matches!(p.name.as_str(), "vertex_indices" | "vertex_index");
+        let indices = element.properties.iter().position(is_it);
+        element.tell_unread(indices.into_iter().collect(), reading);
         for number in 0..element.count {
             body.begin_row(element)?;
-            for property in &element.properties {
-                match (&property.kind, property.name.as_str()) {
-                    (Kind::List { .. }, "vertex_indices" | "vertex_index") => property.list(body, &mut list)?,
-                    _ => property.skip(body)?,
+            for (i, property) in element.properties.iter().enumerate() {
+                match Some(i) == indices {
+                    true => property.list(body, &mut list)?,
+                    false => property.skip(body)?,
                 }
             }
             body.end_row(element, reading);
@@ -346,7 +364,7 @@ impl Ply {
                     let corners = if k % 2 == 0 { [t[0], t[1], t[2]] } else { [t[1], t[0], t[2]] };
                     // Strips contain degenerate triangles to change direction; they are skipped.
                     if corners[0] != corners[1] && corners[1] != corners[2] && corners[2] != corners[0] {
-                        self.polygon(number, &corners, &[])?;
+                        self.polygon(number, &corners, None, reading)?;
                     }
                 }
             }
@@ -408,7 +426,21 @@ fn decode_colors(colors: &mut [Vec3], kind: &Kind, reading: &mut Reading) {
     }
 }
 
+impl Element {
+    /// Reports the properties that are not read: all but those.
+    fn tell_unread(&self, read: Vec<usize>, reading: &mut Reading) {
+        for (_, property) in self.properties.iter().enumerate().filter(|(i, _)| self.count > 0 && !read.contains(i)) {
+            let what = format!("“{}” of “{}”", property.name, self.name);
+            reading.notes.about("properties are left out", what);
+        }
+    }
+}
+
 impl Property {
+    fn is_scalar(&self) -> bool {
+        matches!(self.kind, Kind::Scalar(_))
+    }
+
     fn skip(&self, body: &mut Body) -> Result<(), String> {
         match self.kind {
             Kind::Scalar(number) => body.next(number).map(drop),

@@ -3,6 +3,7 @@
 
 use std::collections::HashMap;
 use std::fmt::Display;
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -87,6 +88,24 @@ impl<'a> Reading<'a> {
         self.wanted == Wanted::Scene
     }
 
+    /// A number of a material or the channels of its colour, brought back into the range where they mean something. That is reported by the
+    /// name that they have in the file (`what`), about `whose`.
+    pub fn within<const N: usize>(
+        &mut self,
+        given: [f32; N],
+        range: RangeInclusive<f32>,
+        what: impl Display,
+        whose: &str,
+    ) -> [f32; N] {
+        // What is not a number has no nearest one in the range.
+        let taken = given.map(|x| if x.is_nan() { *range.start() } else { x.clamp(*range.start(), *range.end()) });
+        if taken != given && self.materials() {
+            let sentence = "numbers of materials beyond their range are brought back into it";
+            self.notes.about(sentence, format!("{what} of {whose} ({}, taken as {})", text(&given), text(&taken)));
+        }
+        taken
+    }
+
     /// Requests memory for a total number of vertices and triangles, before they are made.
     pub fn expect(&mut self, vertices: u64, faces: u64) -> Result<(), String> {
         let bytes = vertices.saturating_mul(VERTEX_BYTES).saturating_add(faces.saturating_mul(FACE_BYTES));
@@ -123,6 +142,14 @@ impl<'a> Reading<'a> {
         notes.into_iter().for_each(|note| self.notes.say(format!("of an image: {note}")));
         memory::ask(TEXEL_BYTES * image.data.len() as u64).map_err(|e| e.to_string())?;
         Ok(Arc::new(image))
+    }
+}
+
+/// Numbers as a file has them; one stands for several that are the same.
+fn text(numbers: &[f32]) -> String {
+    match numbers {
+        [first, others @ ..] if others.iter().all(|x| x.to_bits() == first.to_bits()) => first.to_string(),
+        _ => format!("[{}]", numbers.iter().map(f32::to_string).collect::<Vec<_>>().join(", ")),
     }
 }
 

@@ -58,29 +58,37 @@ impl Materials {
         };
         let base_color = image(pbr.base_color_texture(), Encoding::Srgb);
         let metallic_roughness = image(pbr.metallic_roughness_texture(), Encoding::Linear);
-        let emissive = image(material.emissive_texture(), Encoding::Srgb);
+        let emissive_map = image(material.emissive_texture(), Encoding::Srgb);
         let normals = self.normals(material, at, &name, accessors, reading);
         let coat = self.coat(material, at, &name, accessors, reading);
         let sheen = self.sheen(material, at, &name, accessors, reading);
         let grain = self.grain(material, at, &name, accessors, reading);
-        let [r, g, b, alpha] = pbr.base_color_factor();
-        let ior = material.ior().unwrap_or(1.5);
+        let [r, g, b, alpha] = reading.within(pbr.base_color_factor(), 0.0..=1.0, "baseColorFactor", &name);
+        let mut unit = |x: f32, what: &str| reading.within([x], 0.0..=1.0, what, &name)[0];
+        let (metallic, roughness) =
+            (unit(pbr.metallic_factor(), "metallicFactor"), unit(pbr.roughness_factor(), "roughnessFactor"));
+        let specular = material.specular().map_or(1.0, |s| unit(s.specular_factor(), "specularFactor"));
+        let mut light =
+            |numbers: [f32; 3], what: &str| Vec3::from(reading.within(numbers, 0.0..=f32::MAX, what, &name));
+        let strength = light([material.emissive_strength().unwrap_or(1.0); 3], "emissiveStrength");
+        let emissive = light(material.emissive_factor(), "emissiveFactor") * strength;
+        let ior = ior_of(material, &name, reading);
         let reflectance = if ior > 0.0 { ((ior - 1.0) / (ior + 1.0)).powi(2) } else { 1.0 };
         let channels = |image: &Option<LoadedImage>, from, n| image.as_ref().map(|i| i.channels(from, n));
         let mut made = LoadedMaterial {
             name: material.name().unwrap_or_default().to_string(),
             base_color: Vec3::new(r, g, b),
             base_color_image: channels(&base_color, 0, 3),
-            metallic: pbr.metallic_factor(),
+            metallic,
             metallic_image: channels(&metallic_roughness, 2, 1),
-            roughness: pbr.roughness_factor(),
+            roughness,
             roughness_image: channels(&metallic_roughness, 1, 1),
-            specular: material.specular().map_or(1.0, |s| s.specular_factor()) * reflectance / 0.04,
-            emissive: Vec3::from(material.emissive_factor()) * material.emissive_strength().unwrap_or(1.0),
-            emissive_image: channels(&emissive, 0, 3),
+            specular: specular * reflectance / 0.04,
+            emissive,
+            emissive_image: channels(&emissive_map, 0, 3),
             double_sided: material.double_sided(),
-            opacity: opacity(material, base_color.as_ref(), alpha),
-            clear: clear(material, &name, reading),
+            opacity: opacity(material, base_color.as_ref(), alpha, &name, reading),
+            clear: clear(material, ior, &name, reading),
             sheen,
             grain,
             coat,
@@ -133,7 +141,7 @@ impl Materials {
         reading: &mut Reading,
     ) -> Option<Coat> {
         let written = material.extension_value(CLEARCOAT)?;
-        let number = |name: &str| written[name].as_f64().map_or(0.0, |x| x.clamp(0.0, 1.0) as f32);
+        let mut number = |name: &str| unit(&written[name], name, whose, reading);
         let (weight, roughness) = (number("clearcoatFactor"), number("clearcoatRoughnessFactor"));
         if weight == 0.0 {
             return None;
@@ -162,7 +170,7 @@ impl Materials {
         reading: &mut Reading,
     ) -> Option<LoadedGrain> {
         let written = material.extension_value(ANISOTROPY)?;
-        let strength = written["anisotropyStrength"].as_f64().map_or(0.0, |x| x.clamp(0.0, 1.0) as f32);
+        let strength = unit(&written["anisotropyStrength"], "anisotropyStrength", whose, reading);
         let rotation = written["anisotropyRotation"].as_f64().map_or(0.0, |x| x as f32);
         if strength == 0.0 || !rotation.is_finite() {
             return None;
@@ -188,8 +196,10 @@ impl Materials {
         reading: &mut Reading,
     ) -> Option<Sheen> {
         let written = material.extension_value(SHEEN)?;
-        let number = |value: &Value| value.as_f64().map_or(0.0, |x| x.clamp(0.0, 1.0) as f32);
-        let color = Vec3::from([0, 1, 2].map(|i| number(&written["sheenColorFactor"][i])));
+        let number = |value: &Value| value.as_f64().map_or(0.0, |x| x as f32);
+        let color = [0, 1, 2].map(|i| number(&written["sheenColorFactor"][i]));
+        let color = Vec3::from(reading.within(color, 0.0..=1.0, "sheenColorFactor", whose));
+        let roughness = unit(&written["sheenRoughnessFactor"], "sheenRoughnessFactor", whose, reading);
         if color == Vec3::ZERO {
             return None;
         }
@@ -209,7 +219,7 @@ impl Materials {
             |name: &str, encoding| self.extension_image(written.get(name)?, encoding, at, whose, accessors, reading);
         let color_image = image("sheenColorTexture", Encoding::Srgb).map(|image| image.channels(0, 3));
         let roughness_image = image("sheenRoughnessTexture", Encoding::Linear).and_then(|image| image.alpha());
-        Some(Sheen { color, color_image, roughness: number(&written["sheenRoughnessFactor"]), roughness_image })
+        Some(Sheen { color, color_image, roughness, roughness_image })
     }
 
     /// The image that a texture of an extension names.
@@ -273,6 +283,17 @@ impl Materials {
     }
 }
 
+/// A number from 0 to 1 of an extension that the glTF crate does not read; 0 if it is not written.
+fn unit(written: &Value, what: &str, whose: &str, reading: &mut Reading) -> f32 {
+    reading.within([written.as_f64().map_or(0.0, |x| x as f32)], 0.0..=1.0, what, whose)[0]
+}
+
+/// The refractive index: of at least 1, or 0 for one that is infinite.
+fn ior_of(material: &gltf::Material, whose: &str, reading: &mut Reading) -> f32 {
+    let written = material.ior().unwrap_or(1.5);
+    if written == 0.0 { written } else { reading.within([written], 1.0..=f32::MAX, "ior", whose)[0] }
+}
+
 /// The angle of the directions of an image, x and y from −1 to 1 in two channels, if all are the same but for the rounding of a file's bytes.
 fn one_direction(image: &LoadedImage) -> Option<f32> {
     let direction = |texel: &[f32]| [0, 1].map(|c| 2.0 * texel[c] - 1.0);
@@ -301,6 +322,9 @@ fn sampler(texture: &gltf::Texture, whose: &str, reading: &mut Reading) -> (Wrap
 /// Reports features of a material that are not supported.
 fn tell(material: &gltf::Material, name: &str, reading: &mut Reading) {
     let notes = &mut reading.notes;
+    if material.occlusion_texture().is_some() {
+        notes.about("occlusion textures are left out: rendering computes what they hold", name);
+    }
     if material.unlit() {
         notes.about("unlit materials (KHR_materials_unlit) shine with their colour", name);
     }
@@ -329,12 +353,18 @@ const ANISOTROPY: &str = "KHR_materials_anisotropy";
 /// KHR_materials_volume then has a thickness. (Without one glTF means a thin wall, which does not refract.)
 fn transmission(material: &gltf::Material) -> Option<(f64, bool)> {
     let number = |extension: &str, name: &str| material.extension_value(extension)?.get(name)?.as_f64();
-    let share = number(TRANSMISSION, "transmissionFactor").filter(|share| *share >= 0.5)?;
+    let share = number(TRANSMISSION, "transmissionFactor").filter(|share| *share >= 0.5)?.min(1.0);
     Some((share, number(VOLUME, "thicknessFactor").is_some_and(|thickness| thickness > 0.0)))
 }
 
 /// Whether and how light passes a material. What it has beside that is reported.
-fn clear(material: &gltf::Material, name: &str, reading: &mut Reading) -> Option<Clear> {
+fn clear(material: &gltf::Material, ior: f32, name: &str, reading: &mut Reading) -> Option<Clear> {
+    for (extension, what, most) in [(TRANSMISSION, "transmissionFactor", 1.0), (VOLUME, "thicknessFactor", f32::MAX)] {
+        let written = material.extension_value(extension).and_then(|e| e[what].as_f64());
+        if let Some(x) = written {
+            reading.within([x as f32], 0.0..=most, what, name);
+        }
+    }
     let (share, is_body) = transmission(material)?;
     let pbr = material.pbr_metallic_roughness();
     let has = |extension: &str, name: &str| material.extension_value(extension).is_some_and(|e| e.get(name).is_some());
@@ -354,18 +384,26 @@ fn clear(material: &gltf::Material, name: &str, reading: &mut Reading) -> Option
         };
         reading.notes.about(sentence, name);
     }
-    let ior = Some(material.ior().unwrap_or(1.5).clamp(1.0, 10.0)).filter(|ior| ior.is_finite())?;
-    Some(if is_body { Clear::Body { ior, absorption: absorption(material) } } else { Clear::Pane(ior) })
+    let [ior] = reading.within([ior], 1.0..=10.0, "ior", name);
+    Some(if is_body { Clear::Body { ior, absorption: absorption(material, name, reading) } } else { Clear::Pane(ior) })
 }
 
 /// What a body absorbs per unit length: of light the `attenuationColor` is left after the `attenuationDistance`.
-fn absorption(material: &gltf::Material) -> Vec3 {
+fn absorption(material: &gltf::Material, whose: &str, reading: &mut Reading) -> Vec3 {
     let Some(volume) = material.extension_value(VOLUME) else { return Vec3::ZERO };
-    let Some(distance) = volume["attenuationDistance"].as_f64().filter(|d| *d > 0.0) else { return Vec3::ZERO };
+    let Some(distance) = volume["attenuationDistance"].as_f64() else { return Vec3::ZERO };
+    if distance <= 0.0 {
+        if reading.materials() {
+            let sentence = "distances of attenuation (`attenuationDistance`) that are not above 0 are left out";
+            reading.notes.about(sentence, format!("{distance} of {whose}"));
+        }
+        return Vec3::ZERO;
+    }
+    let color = [0, 1, 2].map(|i| volume["attenuationColor"][i].as_f64().map_or(1.0, |x| x as f32));
+    let color = reading.within(color, 0.0..=1.0, "attenuationColor", whose);
     // Black after any distance is no number; this is.
     const LEAST: f64 = 1e-6;
-    let left = |i: usize| volume["attenuationColor"][i].as_f64().unwrap_or(1.0).clamp(LEAST, 1.0);
-    let absorbed = |i: usize| (-left(i).ln() / distance) as f32;
+    let absorbed = |i: usize| (-f64::from(color[i]).max(LEAST).ln() / distance) as f32;
     let absorption = Vec3::new(absorbed(0), absorbed(1), absorbed(2));
     if absorption.is_finite() { absorption } else { Vec3::ZERO }
 }
@@ -401,7 +439,13 @@ fn scaled_normals(map: &LoadedImage, scale: f32) -> LoadedImage {
 }
 
 /// Opacity as a texture; `None` is opaque.
-fn opacity(material: &gltf::Material, image: Option<&LoadedImage>, alpha: f32) -> Option<LoadedImage> {
+fn opacity(
+    material: &gltf::Material,
+    image: Option<&LoadedImage>,
+    alpha: f32,
+    whose: &str,
+    reading: &mut Reading,
+) -> Option<LoadedImage> {
     let of = |opacity: &dyn Fn(f32) -> f32| {
         let values = image.and_then(LoadedImage::alpha).unwrap_or_else(|| LoadedImage::constant(&[1.0]));
         let bounded = |v: &f32| Some(opacity(*v)).filter(|o| !o.is_nan()).unwrap_or(1.0).clamp(0.0, 1.0);
@@ -412,7 +456,8 @@ fn opacity(material: &gltf::Material, image: Option<&LoadedImage>, alpha: f32) -
         AlphaMode::Opaque => None,
         AlphaMode::Blend => Some(of(&|v| alpha * v)),
         AlphaMode::Mask => {
-            let cutoff = material.alpha_cutoff().unwrap_or(0.5);
+            let [cutoff] =
+                reading.within([material.alpha_cutoff().unwrap_or(0.5)], 0.0..=f32::MAX, "alphaCutoff", whose);
             Some(of(&|v| if alpha * v < cutoff { 0.0 } else { 1.0 }))
         }
     }

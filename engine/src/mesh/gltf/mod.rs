@@ -169,7 +169,11 @@ impl<'a> Walk<'a> {
             let sentence = "animations are left out: everything is as it stands without them";
             notes.about(sentence, name(a.name(), "animation", a.index()));
         }
-        let shown = self.document.default_scene().or(self.document.scenes().next()).map(|s| s.index());
+        let shown = self.document.default_scene().or(self.document.scenes().next());
+        for extension in shown.iter().filter_map(|s| s.extensions()).flat_map(|e| e.keys()) {
+            notes.about("extensions of the scene are left out", extension);
+        }
+        let shown = shown.map(|s| s.index());
         for s in self.document.scenes().filter(|s| Some(s.index()) != shown) {
             notes.about("scenes beside the default one are left out", name(s.name(), "scene", s.index()));
         }
@@ -233,6 +237,9 @@ impl Reader<'_> {
         }
         for extension in primitive.extensions().into_iter().flat_map(|e| e.keys()) {
             reading.notes.about("extensions of meshes are left out", format!("{extension} of “{name}”"));
+        }
+        if primitive.attributes().any(|(semantic, _)| matches!(semantic, Semantic::Colors(1..))) {
+            reading.notes.about("vertex colours beside the first ones (COLOR_0) are left out", format!("“{name}”"));
         }
         let key = (mesh.index(), primitive.index());
         let mut mesh = match self.known.get(&key) {
