@@ -121,22 +121,25 @@ impl Checker<'_> {
             Ty::Array(..) | Ty::Tuple(_) if is_of_a_scene(saved) => &["glb", "json", "txt"],
             // Several images are an animation.
             Ty::Array(item, _) if matches!(**item, Ty::Image { .. }) => &["apng", "json", "txt"],
-            Ty::Angle | Ty::Rotation | Ty::Transform => &["json", "csv", "npy", "txt"],
+            Ty::Rotation | Ty::Transform => &["json", "csv", "npy", "txt"],
             // Pictures of angles are made by dividing by a unit.
             Ty::AngleImage(_) => &["npy", "json", "txt"],
-            Ty::Bool | Ty::Str | Ty::Array(..) | Ty::Tuple(_) | Ty::Estimate(_) | Ty::Gradients => &["json", "txt"],
+            // Angles and truth values are numbers there.
+            ty if axes(ty).is_some_and(|axes| axes < 3) => &["json", "csv", "npy", "txt"],
+            ty if axes(ty).is_some() => &["npy", "json", "txt"],
+            Ty::Str | Ty::Array(..) | Ty::Tuple(_) | Ty::Estimate(_) | Ty::Gradients => &["json", "txt"],
             // Columns make a table.
             Ty::Record(fields) if fields.iter().all(|(_, ty)| may_be_column(ty)) => &["json", "csv", "txt"],
             Ty::Record(_) => &["json", "txt"],
             Ty::Mesh => &["obj", "ply", "glb", "json", "txt"],
             _ => &["png", "apng", "exr", "hdr", "obj", "ply", "glb", "json", "csv", "npy", "txt"],
         };
-        let camera = matches!(saved, Ty::Camera { .. }).then(|| self.sources.text(value.span).to_owned());
-        self.path(path, &saved.a(), known, camera.as_deref())
+        let text = self.sources.text(value.span).to_owned();
+        self.path(path, &saved.a(), known, Some((saved, &text)))
     }
 
-    /// Checks the name of an output file, whose ending is one of those `known` for `what`.
-    pub fn path(&mut self, path: &ast::Expr, what: &str, known: &[&str], camera: Option<&str>) -> hir::Expr {
+    /// Checks the name of an output file, whose ending is one of those `known` for `what`: a value has its type and its text.
+    pub fn path(&mut self, path: &ast::Expr, what: &str, known: &[&str], value: Option<(&Ty, &str)>) -> hir::Expr {
         if let Some(name) = self.unquoted(path) {
             self.diagnostics.push(
                 Diagnostic::error("dscene::type::mismatch", "a path is a string")
@@ -180,7 +183,7 @@ impl Checker<'_> {
             Some((stem, ending)) => self.diagnostics.push(
                 Diagnostic::error("dscene::file::format", format!("{what} cannot be saved as `.{ending}`"))
                     .label(path.span, "unknown ending")
-                    .help(other_way(stem, ending, known, camera).unwrap_or(format!("the endings are: {shown}"))),
+                    .help(other_way(stem, ending, known, value).unwrap_or(format!("the endings are: {shown}"))),
             ),
             // A name that ends with an interpolation may have any extension.
             None if whole || !file.is_empty() => self.diagnostics.push(
@@ -335,9 +338,18 @@ impl Checker<'_> {
 fn may_be_column(ty: &Ty) -> bool {
     match ty {
         Ty::Num(shape) => shape.len() == 1,
-        Ty::Array(item, _) => **item == Ty::Str || item.is_unknown(),
+        Ty::Array(item, _) => matches!(**item, Ty::Str | Ty::Angle | Ty::Bool) || item.is_unknown(),
         Ty::Tuple(items) => items.iter().all(|item| *item == Ty::Str || item.is_unknown()),
         ty => ty.is_unknown(),
+    }
+}
+
+/// How many axes an array of angles or of truth values has; a single one has none.
+fn axes(ty: &Ty) -> Option<usize> {
+    match ty {
+        Ty::Angle | Ty::Bool => Some(0),
+        Ty::Array(item, _) => axes(item).map(|axes| axes + 1),
+        _ => None,
     }
 }
 
@@ -352,7 +364,7 @@ fn is_of_a_scene(ty: &Ty) -> bool {
 }
 
 /// The help for a file that would be an animation, one image of several, or a picture of what is seen: what is written as one.
-fn other_way(stem: &str, ending: &str, known: &[&str], camera: Option<&str>) -> Option<String> {
+fn other_way(stem: &str, ending: &str, known: &[&str], value: Option<(&Ty, &str)>) -> Option<String> {
     const MOVING: [&str; 8] = ["gif", "apng", "webp", "mp4", "webm", "mov", "avi", "mkv"];
     let (is_moving, is_list) = (MOVING.contains(&ending.to_lowercase().as_str()), known.contains(&"apng"));
     if is_moving && is_list {
@@ -363,12 +375,17 @@ fn other_way(stem: &str, ending: &str, known: &[&str], camera: Option<&str>) -> 
              `\"{stem}/{{step:04}}.png\"`, which `report.html` plays"
         ))
     } else if known == ["glb"] && crate::image::file::WRITABLE.contains(&ending) {
-        let camera = camera.unwrap_or("eye");
+        let camera = value.filter(|(ty, _)| matches!(ty, Ty::Camera { .. })).map_or("eye", |(_, text)| text);
         Some(format!(
             "a picture is `save render({camera}) to \"{stem}.{ending}\"`; for other programs, `\"{stem}.glb\"` is a scene file"
         ))
     } else if is_list && known.len() < 4 && crate::image::file::WRITABLE.contains(&ending) {
         Some(format!("`montage(…)` makes one image of several; shown in turn they are `\"{stem}.apng\"`"))
+    } else if let Some((_, text)) = value.filter(|(ty, _)| ending == "csv" && may_be_column(ty)) {
+        let text = if text.len() > 40 { "…" } else { text };
+        Some(format!(
+            "the first row of a table with words names its columns: `save {{ words: {text} }} to \"{stem}.csv\"`"
+        ))
     } else {
         None
     }

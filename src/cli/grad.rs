@@ -161,9 +161,9 @@ fn gradient_images(
         let path = if names.len() == 1 { path.to_path_buf() } else { with_suffix(path, name) };
         let path = in_folder(args.common.out.as_deref(), &path)?;
         let written = loaded.engine.stoppable(|| save_value(&value, &derivative.ty, &path))?;
-        if let Some(lost) = written.map_err(|e| cannot_save(&path, e))? {
+        for lost in written.map_err(|e| cannot_save(&path, e))? {
             let text = loaded.engine.program().sources.text(derivative.span);
-            loaded.engine.warn_once(derivative.span, "lost", lost_warning(&lost, &path, text));
+            loaded.engine.warn_once(derivative.span, lost.kind(), lost_warning(&lost, &path, text));
         }
         terminal.note(&format!("saved {}: ∂({of})/∂{name}", path.display()));
         saved.push(path.display().to_string());

@@ -42,9 +42,9 @@ pub fn run(args: &RenderArgs) -> u8 {
         writable(&path)?;
         let saved = loaded.engine.stoppable(|| save_value(&value, &expr.ty, &path))?;
         let lost = saved.map_err(|e| cannot_save(&path, e))?;
-        if let Some(lost) = lost {
+        for lost in lost {
             let text = loaded.engine.program().sources.text(expr.span);
-            loaded.engine.warn_once(expr.span, "lost", lost_warning(&lost, &path, text));
+            loaded.engine.warn_once(expr.span, lost.kind(), lost_warning(&lost, &path, text));
         }
         Ok::<_, Diagnostic>((value, path))
     });

@@ -14,7 +14,7 @@ use super::measure::loss_at;
 use super::notes::Notes;
 use super::optimization::{Optimization, StepReport};
 use super::plot::Curves;
-use super::save::{Lost, SaveError, lost_warning, save_named};
+use super::save::{SaveError, lost_warning, save_named};
 use super::show::{plus_minus, significant};
 use super::stages::whole_number;
 use super::sweep::Judge;
@@ -202,7 +202,10 @@ impl<'a> Runner<'a> {
                 let mut reported = Vec::new();
                 for column in columns {
                     let value = match &column.value {
-                        Some(value) => self.engine.eval(value)?.number().unwrap_or(f64::NAN),
+                        Some(value) => {
+                            let number = self.engine.eval(value)?.number().unwrap_or(f64::NAN);
+                            if value.ty == Ty::Angle { number.to_degrees() } else { number }
+                        }
                         None => self.seconds(),
                     };
                     reported.push((column.name.clone(), value));
@@ -475,14 +478,10 @@ impl<'a> Runner<'a> {
                 Diagnostic::error("dscene::run::save", message).label(place, "cannot be saved so").help(help)
             }
         })?;
-        if let Some(lost) = lost {
+        for lost in lost {
             let text = self.engine.program().sources.text(place);
-            let label = match &lost {
-                Lost::Colors(_) => "goes beyond black or white",
-                Lost::OfScene(_) => "saved here",
-            };
-            let warning = lost_warning(&lost, &target, text).label(place, label);
-            self.engine.warn_once(place, "lost", warning);
+            let warning = lost_warning(&lost, &target, text).label(place, lost.label());
+            self.engine.warn_once(place, lost.kind(), warning);
         }
         self.saved(target);
         Ok(())

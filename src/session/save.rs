@@ -8,7 +8,7 @@ use crate::data::{npy, table};
 use crate::diag::Diagnostic;
 use crate::eval::{self, Names, SceneFile};
 use crate::files::write_atomically;
-use crate::image::file::Clipped;
+use crate::image::file::{Clipped, NotNumbers, negatives};
 use crate::image::{Image, ImageError};
 use crate::memory;
 use crate::natives::value::Value;
@@ -24,12 +24,12 @@ pub enum SaveError {
 /// Writes a value by its file's extension: images as PNG, EXR or HDR, lists of them as animated PNG, meshes as OBJ, PLY or GLB, scenes and
 /// their parts as GLB; anything as JSON or text.
 /// What the file does not hold is told.
-pub fn save_value(value: &Value, ty: &Ty, path: &Path) -> Result<Option<Lost>, SaveError> {
+pub fn save_value(value: &Value, ty: &Ty, path: &Path) -> Result<Vec<Lost>, SaveError> {
     save_named(value, ty, Names::default(), path)
 }
 
 /// As [`save_value`], with names for the parts of a scene.
-pub fn save_named(value: &Value, ty: &Ty, names: Names, path: &Path) -> Result<Option<Lost>, SaveError> {
+pub fn save_named(value: &Value, ty: &Ty, names: Names, path: &Path) -> Result<Vec<Lost>, SaveError> {
     let (value, ty, path) = (value.clone(), ty.clone(), path.to_path_buf());
     // To compress a large image takes seconds.
     stop::apart(move || write_value(&value, &ty, &names, &path))
@@ -39,11 +39,36 @@ pub fn save_named(value: &Value, ty: &Ty, names: Names, path: &Path) -> Result<O
 pub enum Lost {
     /// Colours beyond black and white.
     Colors(Clipped),
+    /// Negative colours in an HDR file: of how many pixels, and the least.
+    Negative(usize, f32),
+    /// Pixels that are no numbers.
+    NotNumbers(NotNumbers),
     /// What glTF does not have, in sentences.
     OfScene(Vec<String>),
 }
 
-fn write_value(value: &Value, ty: &Ty, names: &Names, path: &Path) -> Result<Option<Lost>, SaveError> {
+impl Lost {
+    /// A word for the kind, of which a place tells once.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Lost::Colors(_) | Lost::Negative(..) => "clipped",
+            Lost::NotNumbers(_) => "not numbers",
+            Lost::OfScene(_) => "simplified",
+        }
+    }
+
+    /// What stands under the expression that was saved.
+    pub fn label(&self) -> &'static str {
+        match self {
+            Lost::Colors(_) => "goes beyond black or white",
+            Lost::Negative(..) => "is negative in places",
+            Lost::NotNumbers(_) => "is NaN in places",
+            Lost::OfScene(_) => "saved here",
+        }
+    }
+}
+
+fn write_value(value: &Value, ty: &Ty, names: &Names, path: &Path) -> Result<Vec<Lost>, SaveError> {
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
     let written = match extension.as_str() {
         "json" => {
@@ -56,11 +81,17 @@ fn write_value(value: &Value, ty: &Ty, names: &Names, path: &Path) -> Result<Opt
             write_atomically(path, text.as_bytes()).map_err(SaveError::Io)
         }
         "npy" => {
-            let array = value.var().ok_or_else(|| SaveError::Other {
-                message: format!("a .npy file holds an array of numbers, this is {}", value.kind()),
-                help: "give the file the extension .json, which holds any value".to_owned(),
-            })?;
-            write_atomically(path, &npy::encode(array.value())).map_err(SaveError::Io)
+            let bytes = match (value.var(), truths(value)) {
+                (Some(array), _) => npy::encode(array.value()),
+                (None, Some(truths)) => npy::encode_truths(&truths),
+                (None, None) => {
+                    return Err(SaveError::Other {
+                        message: format!("a .npy file holds an array of numbers, this is {}", value.kind()),
+                        help: "give the file the extension .json, which holds any value".to_owned(),
+                    });
+                }
+            };
+            write_atomically(path, &bytes).map_err(SaveError::Io)
         }
         "csv" => write_atomically(path, &table_of(value)?).map_err(SaveError::Io),
         "txt" => write_atomically(path, format!("{}\n", eval::show(value, ty)).as_bytes()).map_err(SaveError::Io),
@@ -70,7 +101,14 @@ fn write_value(value: &Value, ty: &Ty, names: &Names, path: &Path) -> Result<Opt
                 help: "save a `render(…)`, or give the file the extension .json".to_owned(),
             })?;
             crate::image::file::save(path, &image).map_err(|e| unwritten(e, path))?;
-            return Ok(if extension == "png" { Clipped::of(&image).map(Lost::Colors) } else { None });
+            return Ok(match extension.as_str() {
+                "png" => lost_of(&image),
+                "hdr" => {
+                    let negative = negatives(&image).map(|(count, least)| Lost::Negative(count, least));
+                    NotNumbers::of(&image).map(Lost::NotNumbers).into_iter().chain(negative).collect()
+                }
+                _ => Vec::new(),
+            });
         }
         "apng" => {
             let frames = match value {
@@ -82,7 +120,7 @@ fn write_value(value: &Value, ty: &Ty, names: &Names, path: &Path) -> Result<Opt
                 help: "write `save [a, b] to …`, or `save [render(view) for view in views] to …`".to_owned(),
             })?;
             crate::image::file::save_animation(path, &frames).map_err(|e| unwritten(e, path))?;
-            return Ok(frames.iter().find_map(Clipped::of).map(Lost::Colors));
+            return Ok(frames.iter().map(lost_of).find(|lost| !lost.is_empty()).unwrap_or_default());
         }
         "glb" if !matches!(value, Value::Mesh(_)) => return write_scene(value, names, path),
         "obj" | "ply" | "glb" => {
@@ -104,11 +142,17 @@ fn write_value(value: &Value, ty: &Ty, names: &Names, path: &Path) -> Result<Opt
             help: "use .png, .exr or .hdr for images, .apng for animations, .obj, .ply or .glb for meshes, .glb for scenes, .npy or .csv for numbers, .json or .txt for any value".to_owned(),
         }),
     };
-    written.map(|()| None)
+    written.map(|()| Vec::new())
+}
+
+/// What a PNG file does not hold of an image.
+fn lost_of(image: &Image) -> Vec<Lost> {
+    let broken = NotNumbers::of(image).map(Lost::NotNumbers);
+    broken.into_iter().chain(Clipped::of(image).map(Lost::Colors)).collect()
 }
 
 /// A mesh, shape, light, camera, scene or list of such.
-fn write_scene(value: &Value, names: &Names, path: &Path) -> Result<Option<Lost>, SaveError> {
+fn write_scene(value: &Value, names: &Names, path: &Path) -> Result<Vec<Lost>, SaveError> {
     let Some(SceneFile { scene, cameras, mut told }) = eval::scene_file(value, names) else {
         return Err(SaveError::Other {
             message: format!("a .glb file holds meshes, shapes, lights and cameras, this is {}", value.kind()),
@@ -125,7 +169,7 @@ fn write_scene(value: &Value, names: &Names, path: &Path) -> Result<Option<Lost>
     let (bytes, more) = crate::mesh::save::encode_scene(&scene, &cameras).map_err(|e| unwritten(e, path))?;
     write_atomically(path, &bytes).map_err(SaveError::Io)?;
     told.extend(more);
-    Ok((!told.is_empty()).then_some(Lost::OfScene(told)))
+    Ok((!told.is_empty()).then_some(Lost::OfScene(told)).into_iter().collect())
 }
 
 fn unwritten(error: ImageError, path: &Path) -> SaveError {
@@ -143,6 +187,31 @@ fn unwritten(error: ImageError, path: &Path) -> SaveError {
 pub fn lost_warning(lost: &Lost, path: &Path, of: &str) -> Diagnostic {
     match lost {
         Lost::Colors(clipped) => clipped_warning(clipped, path, of),
+        Lost::Negative(count, least) => {
+            let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy();
+            let least = significant(f64::from(*least), 3);
+            let told = match count {
+                1 => format!(
+                    "a pixel of `{name}` is negative, {least}, and black in the file: an HDR file holds no negative values"
+                ),
+                n => format!(
+                    "{n} pixels of `{name}` are negative, down to {least}, and black in the file: an HDR file holds no negative values"
+                ),
+            };
+            Diagnostic::warning("dscene::image::clipped", told).help("`.exr` keeps all values")
+        }
+        Lost::NotNumbers(broken) => {
+            let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy();
+            let NotNumbers { count, first: [x, y] } = broken;
+            let told = match count {
+                1 => format!("the pixel [{x}, {y}] of `{name}` is not a number (NaN), and black in the file"),
+                n => format!(
+                    "{n} pixels of `{name}` are not numbers (NaN), and black in the file; the first is [{x}, {y}]"
+                ),
+            };
+            let help = "0 / 0, a root or a logarithm of what is negative give such, and so does all that is computed with one; `.exr` keeps them";
+            Diagnostic::warning("dscene::image::nan", told).help(help)
+        }
         Lost::OfScene(told) => {
             let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy();
             let told = told.join("\n  ");
@@ -175,7 +244,25 @@ fn clipped_warning(clipped: &Clipped, path: &Path, of: &str) -> Diagnostic {
     Diagnostic::warning("dscene::image::clipped", told).help(format!("{ways}; `.exr` keeps all values"))
 }
 
-/// The table that a value is: a column for a vector, rows for a matrix, and named columns for a record of vectors.
+/// An array of truth values as ones and zeros.
+fn truths(value: &Value) -> Option<Tensor> {
+    match value {
+        Value::Bool(truth) => Some(Tensor::scalar(f64::from(u8::from(*truth)))),
+        Value::List(items) => {
+            let parts = items.iter().map(truths).collect::<Option<Vec<Tensor>>>()?;
+            let within = &parts.first()?.shape;
+            if parts.iter().any(|part| part.shape != *within) {
+                return None;
+            }
+            let shape = [&[parts.len()], &within[..]].concat();
+            Some(Tensor { shape, data: parts.iter().flat_map(|part| part.data.iter().copied()).collect() })
+        }
+        _ => None,
+    }
+}
+
+/// The table that a value is: a column for a vector, rows for a matrix, and named columns for a record of vectors. Angles are in radians, and
+/// what is true is 1.
 fn table_of(value: &Value) -> Result<Vec<u8>, SaveError> {
     let no_table = || SaveError::Other {
         message: format!("a table holds a vector, rows of numbers or a record of columns, this is {}", value.kind()),
@@ -188,6 +275,9 @@ fn table_of(value: &Value) -> Result<Vec<u8>, SaveError> {
         let column = |v: &Value| -> Option<Vec<String>> {
             match v {
                 Value::Num(v) if v.shape().len() == 1 => Some(cells(&v.value().data)),
+                Value::List(items) if items.first().is_some_and(|item| matches!(item, Value::Bool(_))) => {
+                    Some(cells(&truths(v)?.data))
+                }
                 Value::List(items) => items
                     .iter()
                     .map(|item| match item {
@@ -208,7 +298,8 @@ fn table_of(value: &Value) -> Result<Vec<u8>, SaveError> {
         let names: Vec<&str> = fields.iter().map(|(n, _)| n.as_str()).collect();
         return table::encode(Some(&names), &rows).map_err(failed);
     }
-    let tensor = value.var().ok_or_else(no_table)?.value();
+    let truths = truths(value);
+    let tensor = value.var().map(|var| var.value()).or(truths.as_ref()).ok_or_else(no_table)?;
     let width = match tensor.shape[..] {
         [] | [_] => 1,
         [_, width] => width.max(1),

@@ -208,6 +208,32 @@ fn a_picture_that_lacks_what_is_bright_says_so_once() {
     assert!(!stderr(&output).contains("clipped"), "{}", stderr(&output));
 }
 
+/// NaN is neither bright nor dark, and no file of pixels for looking at has it.
+#[test]
+fn pixels_that_are_no_numbers_are_told_as_such() {
+    let place = Place::new();
+    let said = run(
+        &place,
+        "let a = image([[0, 1, 1], [1, 0, 4]]) / image([[1, 1, 1], [0, 0, 1]]) - image([[0, 2, 0], [0, 0, 0]])
+         save a to \"a.png\"
+         save a to \"a.hdr\"
+         save a to \"a.exr\"
+         save image([[0 / 0]]) to \"b.png\"",
+    );
+    let said = said.split_whitespace().filter(|w| *w != "│").collect::<Vec<&str>>().join(" ");
+    let count = |words: &str| said.matches(words).count();
+    assert_eq!((count("dscene::image::nan"), count("dscene::image::clipped")), (3, 2), "{said}");
+    for words in [
+        "the pixel [1, 1] of `a.png` is not a number (NaN), and black in the file",
+        "50 % of the pixels of `a.png` are clipped",
+        "the pixel [1, 1] of `a.hdr` is not a number",
+        "a pixel of `a.hdr` is negative, -1, and black in the file",
+        "the pixel [0, 0] of `b.png` is not a number",
+    ] {
+        assert!(said.contains(words), "{words}: {said}");
+    }
+}
+
 /// What a browser makes of the SVG.
 #[test]
 fn a_browser_shows_a_plot() {

@@ -93,6 +93,43 @@ fn what_is_saved_is_loaded() {
          expect load_json(\"b.json\")\nexpect abs(load_array(\"angle.npy\") - pi / 2) == 0\n\
          save load_json(\"v.json\") to \"again.npy\"\n",
     );
+    // What is no number of its own is one in a file: angles in radians, truth values as ones and zeros.
+    holds(
+        folder.path(),
+        "let tilts = [i * 30deg for i in 0..3]\nlet turns = [[90deg, 0deg], [1rad, 180deg]]\nlet on = [[true, false], [true, true]]\n\
+         save tilts to \"tilts.csv\"\nsave tilts to \"tilts.npy\"\nsave turns to \"turns.csv\"\nsave turns to \"turns.npy\"\n\
+         save on to \"on.csv\"\nsave on to \"on.npy\"\nsave on[0] to \"row.npy\"\nsave true to \"yes.npy\"\n\
+         save { tilts, on: [true, false, true], word: [\"a\", \"b\", \"c\"] } to \"named.csv\"\n\
+         save [turns, turns] to \"cube.npy\"\n",
+    );
+    for name in [
+        "tilts.csv",
+        "tilts.npy",
+        "turns.csv",
+        "turns.npy",
+        "on.csv",
+        "on.npy",
+        "row.npy",
+        "yes.npy",
+        "named.csv",
+        "cube.npy",
+    ] {
+        fs::copy(folder.path().join("o.old").join(name), folder.path().join(name)).unwrap();
+    }
+    holds(
+        folder.path(),
+        "expect load_array(\"tilts.npy\") * 1rad == [0deg, 30deg, 60deg]\nexpect load_table(\"tilts.csv\")[2, 0] * 1rad == 60deg\n\
+         expect load_array(\"turns.npy\")[1, 0] == 1\nexpect load_table(\"turns.csv\")[1, 1] == pi\n\
+         expect load_array(\"cube.npy\")[1, 1, 1] == pi\n\
+         expect load_array(\"on.npy\") == [[1, 0], [1, 1]]\nexpect load_table(\"on.csv\") == [[1, 0], [1, 1]]\n\
+         expect load_array(\"row.npy\") == [1, 0]\nexpect load_array(\"yes.npy\") == 1\n\
+         let named = load_table(\"named.csv\")\nexpect named.tilts[1] * 1rad == 30deg\nexpect named.on == [1, 0, 1]\nexpect named.word[2] == \"c\"\n",
+    );
+    let bools = fs::read(folder.path().join("row.npy")).unwrap();
+    assert!(bools.windows(3).any(|w| w == b"|b1") && bools.ends_with(&[1, 0]), "NumPy reads truth values");
+    // A table of words alone would take the first for a name.
+    let (code, text) = run(folder.path(), "save [\"a\", \"b\"] to \"w.csv\"\n", &[]);
+    assert!(code == 1 && text.contains("`save { words: [\"a\", \"b\"] } to"), "{text}");
     // A record of columns goes back to a table of them.
     fs::write(folder.path().join("a.csv"), "x,name\n0.1,p\n-2.5e-7,q\n").unwrap();
     holds(folder.path(), "save load_table(\"a.csv\") to \"b.csv\"\nsave load_table(\"a.csv\") to \"b.json\"\n");

@@ -6,7 +6,9 @@ use crate::tape::Tensor;
 
 /// An array, and what it could not keep: a sentence.
 pub struct Read {
+    /// The numbers, row by row in the file's shape.
     pub array: Tensor,
+    /// That integers were rounded, if some were.
     pub note: Option<String>,
 }
 
@@ -74,18 +76,31 @@ pub fn decode(bytes: &[u8]) -> Result<Read, String> {
 
 /// The `.npy` file of an array: doubles, little-endian, row by row.
 pub fn encode(array: &Tensor) -> Vec<u8> {
+    let mut bytes = header(array, "<f8", 8);
+    array.data.iter().for_each(|x| bytes.extend(x.to_le_bytes()));
+    bytes
+}
+
+/// The `.npy` file of an array of truth values: a byte for each, 0 or 1.
+pub fn encode_truths(array: &Tensor) -> Vec<u8> {
+    let mut bytes = header(array, "|b1", 1);
+    bytes.extend(array.data.iter().map(|x| u8::from(*x != 0.0)));
+    bytes
+}
+
+/// What stands before the numbers of a file, with room for them: `width` bytes each, as `descr` names them.
+fn header(array: &Tensor, descr: &str, width: usize) -> Vec<u8> {
     let sides: String = array.shape.iter().map(|n| format!("{n},")).collect();
-    let mut header = format!("{{'descr': '<f8', 'fortran_order': False, 'shape': ({sides}), }}");
+    let mut header = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': ({sides}), }}");
     // Numbers begin at a multiple of 64 bytes.
     let padding = 63 - (10 + header.len()) % 64;
     header.extend(std::iter::repeat_n(' ', padding));
     header.push('\n');
-    let mut bytes = Vec::with_capacity(10 + header.len() + 8 * array.len());
+    let mut bytes = Vec::with_capacity(10 + header.len() + width * array.len());
     bytes.extend(b"\x93NUMPY\x01\x00");
     // A shape has so few numbers that this is far below 64 kB.
     bytes.extend((header.len() as u16).to_le_bytes());
     bytes.extend(header.as_bytes());
-    array.data.iter().for_each(|x| bytes.extend(x.to_le_bytes()));
     bytes
 }
 
@@ -185,5 +200,9 @@ mod tests {
             assert_eq!(bytes.len() % 64, n * 8 % 64, "the numbers are aligned");
             assert_eq!(decode(&bytes).map(|r| r.array), Ok(array));
         }
+        let truths = Tensor { shape: vec![2, 2], data: vec![1.0, 0.0, 0.0, 1.0] };
+        let bytes = encode_truths(&truths);
+        assert_eq!(bytes.len() % 64, 4, "a byte each");
+        assert_eq!(decode(&bytes).map(|r| r.array), Ok(truths));
     }
 }

@@ -93,14 +93,40 @@ pub fn decode(bytes: &[u8], encoding: Encoding, layer: Option<&str>) -> Result<D
     Ok(decoded)
 }
 
+/// Pixels with a channel of which that is true: how many, and the place [x, y] of the first, from the top left.
+fn pixels_with(image: &Image, is_so: impl Fn(f32) -> bool) -> Option<(usize, [usize; 2])> {
+    let mut all = image.data.chunks_exact(image.channels.max(1)).map(|pixel| pixel.iter().any(|x| is_so(*x)));
+    let at = all.position(|is_so| is_so)?;
+    Some((1 + all.filter(|is_so| *is_so).count(), [at % image.width, at / image.width]))
+}
+
+/// Pixels with a channel that is no number, of which PNG and HDR files know nothing: they are black there.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NotNumbers {
+    /// How many there are.
+    pub count: usize,
+    /// Column and row of the first, from the top left.
+    pub first: [usize; 2],
+}
+
+impl NotNumbers {
+    /// Of an image; `None` if all its pixels are numbers.
+    pub fn of(image: &Image) -> Option<NotNumbers> {
+        pixels_with(image, f32::is_nan).map(|(count, first)| NotNumbers { count, first })
+    }
+}
+
+/// Pixels of an image with a negative colour, which an HDR file does not hold: how many, and the least of their values.
+pub fn negatives(image: &Image) -> Option<(usize, f32)> {
+    let (count, _) = pixels_with(image, |x| x < 0.0)?;
+    Some((count, image.data.iter().copied().fold(0.0, f32::min)))
+}
+
 /// A note about pixels that are not finite: the first of them and the number of others. Everything computed from them would be NaN or
 /// infinite.
 fn not_finite(image: &Image) -> Option<String> {
-    let is_broken = |pixel: &&[f32]| pixel.iter().any(|x| !x.is_finite());
-    let pixels = || image.data.chunks_exact(image.channels.max(1));
-    let at = pixels().position(|pixel| is_broken(&pixel))?;
-    let (x, y) = (at % image.width, at / image.width);
-    let count = pixels().filter(is_broken).count();
+    let (count, [x, y]) = pixels_with(image, |x| !x.is_finite())?;
+    let at = y * image.width + x;
     let value = image.data[at * image.channels..].iter().find(|x| !x.is_finite())?;
     let value = if value.is_nan() { "NaN" } else { "infinite" };
     Some(match count {

@@ -109,10 +109,11 @@ impl Transfer {
     }
 }
 
-/// What a PNG file does not hold of an image: the colours beyond black and white. (Alpha has a range of its own.)
+/// What a PNG file does not hold of an image: the colours beyond black and white. (Alpha has a range of its own, and what is no number is
+/// [`NotNumbers`](super::file::NotNumbers).)
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Clipped {
-    /// The share of the pixels with a channel that is below 0, above 1 or no number, by more than the rounding to 8 bits.
+    /// The share of the pixels with a channel that is below 0 or above 1 by more than the rounding to 8 bits.
     pub share: f64,
     /// The least value of all channels.
     pub least: f32,
@@ -132,7 +133,7 @@ impl Clipped {
     pub fn of(image: &Image) -> Option<Clipped> {
         let colours = if image.channels == 4 { 3 } else { image.channels };
         let pixels = || image.data.chunks_exact(image.channels.max(1)).map(|pixel| &pixel[..colours.min(pixel.len())]);
-        let fits = |v: &f32| (-0.5..=255.5).contains(&(255.0 * linear_to_srgb(f64::from(*v))));
+        let fits = |v: &f32| v.is_nan() || (-0.5..=255.5).contains(&(255.0 * linear_to_srgb(f64::from(*v))));
         let count = pixels().len();
         let share = pixels().filter(|pixel| !pixel.iter().all(fits)).count() as f64 / count.max(1) as f64;
         if share <= CLIPPED {
@@ -288,9 +289,11 @@ mod tests {
         pixels[8] = 2.0;
         let clipped = Clipped::of(&grey(pixels)).unwrap();
         assert_eq!((clipped.share, clipped.largest, clipped.mostly_below), (0.002, 100.0, 2.0));
-        // Alpha is no colour, and NaN is none that a PNG holds.
+        // Alpha is no colour, and what is no number is neither bright nor dark.
         let opaque = Image { width: 1, height: 1, channels: 4, data: vec![0.5, 0.5, 0.5, 7.0] };
         assert_eq!(Clipped::of(&opaque), None);
-        assert_eq!(Clipped::of(&grey(vec![f32::NAN])).map(|c| c.share), Some(1.0));
+        assert_eq!(Clipped::of(&grey(vec![f32::NAN, 0.5])), None);
+        let clipped = Clipped::of(&grey(vec![f32::NAN, 2.0])).unwrap();
+        assert_eq!((clipped.share, clipped.least, clipped.largest), (0.5, 2.0, 2.0));
     }
 }
