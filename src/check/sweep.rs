@@ -226,13 +226,16 @@ impl Checker<'_> {
         let mut out: Vec<hir::Column> = Vec::new();
         for column in columns {
             let name = column.name.text.clone();
-            if let Some(first) = out.iter().find(|c| c.name == name) {
+            if let Some(first) = out.iter().find(|c| c.name == name || c.name == format!("{name} (deg)")) {
                 self.report_twice(&column.name, first.span);
                 continue;
             }
             let is_time = matches!(&column.value.kind, ast::ExprKind::Name(text) if text == SECONDS);
             let value = (!is_time || self.lookup(SECONDS).is_some()).then(|| self.column(&column.value));
             let maximized = value.as_ref().is_some_and(|value| self.is_maximized(value));
+            // A number of the table has the unit that its column names.
+            let is_angle = value.as_ref().is_some_and(|value| value.ty == Ty::Angle);
+            let name = if is_angle { format!("{name} (deg)") } else { name };
             out.push(hir::Column { name, span: column.name.span, value, maximized });
         }
         hir::Action::Report { columns: out, span }
@@ -245,10 +248,9 @@ impl Checker<'_> {
 
     fn column(&mut self, value: &ast::Expr) -> hir::Expr {
         let value = self.expr(value, None).expr;
-        if !value.ty.is_unknown() && !value.ty.is_scalar() {
+        if !value.ty.is_unknown() && !value.ty.is_scalar() && value.ty != Ty::Angle {
             let text = self.sources.text(value.span).to_owned();
             let help = match &value.ty {
-                Ty::Angle => format!("divide it by its unit: `{text} / 1deg`"),
                 Ty::Bool => format!("count it: `if {text} then 1 else 0`"),
                 Ty::Num(_) => format!("reduce it to one number, such as `norm({text})` or `mean({text})`"),
                 _ => "report a number, and `save` or `print` what is none".to_owned(),

@@ -42,7 +42,7 @@ The run folder holds run.json (script, imports, overrides, version, seed), log.j
 (what --resume goes on from), report.html (a page about the run, from report.jsonl and the others) and what the script saves. A line of
 the log has step, of (the loss), stage, loss, loss_error (where a solver measures it), lr, grad_norm, gradients (by param: norm, and
 standard error as steps differ), skipped_steps, samples, bytes (of memory), seconds, phases (where they went), the params of up to 64
-numbers, and of larger ones mean, least and most (ranges); all but bytes, seconds and phases follow from the seed. With --json, each line of standard output is one object: {\"event\": \"print\", \"text\": …}, and at the end
+numbers, and of larger ones mean, least and most (ranges); all but bytes, seconds and phases follow from the seed. Angles are in radians. With --json, each line of standard output is one object: {\"event\": \"print\", \"text\": …}, and at the end
 {\"event\": \"done\", \"exit\": …, \"out\": …, \"steps\": …, \"saved\": […], …}. Ctrl-C ends after the current step with exit code 130; a second one ends at once.")]
     Run(RunArgs),
     /// Runs a script under every combination of values and seeds; makes a table
@@ -57,8 +57,8 @@ The values of --set are what stands between the brackets of a list, or a range. 
 the values of a variable of its own `sweep`. Each run has a folder below runs/NAME-sweep (or --out), named by its values. The same command
 goes on where it was interrupted or killed: what has finished is not run again, more values and seeds may be added, and the result is the
 same to the bit. journal.jsonl has a line for each run that begins or ends; table.csv and table.json have the means over seeds with their
-standard errors, and compare.html shows the curves of up to 60 runs. In the table, * marks the least of a column, or the largest of one that is reported by `maximize(…)`. Its columns are what the script says (`report { error: …, seconds }`), else
-the losses at the end and the seconds. --prune stops runs whose loss is worse than the median of at least three finished ones after the
+standard errors, and compare.html shows the curves of up to 60 runs. In the table, * marks the least of a column, or the largest of one that is reported by `maximize(…)`. Its columns are what the script says (`report { error: …, seconds }`; an angle is in
+degrees, and its column is named so: `tilt (deg)`), else the losses at the end and the seconds. --prune stops runs whose loss is worse than the median of at least three finished ones after the
 same share of their steps, by more than the noise of both (median stopping rule, Golovin et al. 2017): not before a third of the steps, not
 if another seed has ended among the better half, and compared with runs that begin with the same loss alone. Exits with 1 if a run diverged, failed or has a failed
 `expect`; all others are run all the same. With --json, standard output gets one object for each run that ends, and one at the end.")]
@@ -146,7 +146,7 @@ Examples:
   dsl export RUN --format glb --out found            each mesh, shape and area light that params move, found/NAME.glb
   dsl export RUN --script > found.dscene             the script as it was run, with the found values as initial ones
 
-A run writes checkpoints every 30 seconds (`dsl run --checkpoint N`: every N steps), when it is interrupted, and at its end. The log
+Angles are in radians. A run writes checkpoints every 30 seconds (`dsl run --checkpoint N`: every N steps), when it is interrupted, and at its end. The log
 has the params of each step that have up to 64 numbers; for larger ones the steps are taken again, from the first one on.")]
     Export(ExportArgs),
     /// The page about a run, made again: of one that was killed or goes on

@@ -328,7 +328,8 @@ impl Engine {
                 && let Some(x) = var.value().data.iter().find(|x| **x < reached.domain.low)
             {
                 let (argument, domain) = (reached.argument, reached.domain);
-                let message = format!("`{argument}` must be {domain}, this is {}", show::number_text(*x));
+                let found = if r.value.ty.is_angle() { show::angle_text(*x) } else { show::number_text(*x) };
+                let message = format!("`{argument}` must be {domain}, this is {found}");
                 return Err(error::value(message, r.value.span));
             }
             overrides.push((r.target.clone(), value));
@@ -596,14 +597,18 @@ fn formatted(v: &Value, ty: &Ty, format: Option<StrFormat>) -> String {
             other => show::brief(other, ty),
         };
     };
+    let is_angle = show::is_angle(ty);
+    // Zeros stand before the digits of an angle, and blanks before all of it.
+    let unit = if is_angle { "deg" } else { "" };
     let one = |x: f64| {
-        let x = if show::is_angle(ty) { x.to_degrees() } else { x };
-        match (format.precision, format.exponent) {
+        let x = if is_angle { x.to_degrees() } else { x };
+        let digits = match (format.precision, format.exponent) {
             (Some(p), true) => format!("{x:.*e}", p.min(40)),
             (None, true) => format!("{x:e}"),
             (Some(p), false) => format!("{x:.*}", p.min(40)),
             (None, false) => show::number_text(x),
-        }
+        };
+        format!("{digits}{unit}")
     };
     let text = match v {
         Value::Num(n) if n.len() <= 64 => show::numbers(n.value(), &one),
@@ -611,7 +616,8 @@ fn formatted(v: &Value, ty: &Ty, format: Option<StrFormat>) -> String {
         _ => show::brief(v, ty),
     };
     let width = format.width.min(200);
-    let missing = width.saturating_sub(text.chars().count());
+    let beyond = if format.zero_pad { unit.len() } else { 0 };
+    let missing = (width + beyond).saturating_sub(text.chars().count());
     match (format.zero_pad, text.strip_prefix('-')) {
         (true, Some(digits)) => format!("-{}{digits}", "0".repeat(missing)),
         (true, None) => format!("{}{text}", "0".repeat(missing)),

@@ -670,7 +670,7 @@ impl Engine {
 }
 
 /// Does work that ends with a diagnostic if the flag is set.
-fn until<T>(flag: Option<Arc<AtomicBool>>, work: impl FnOnce() -> T) -> Result<T> {
+pub fn until<T>(flag: Option<Arc<AtomicBool>>, work: impl FnOnce() -> T) -> Result<T> {
     match flag {
         Some(flag) => stop::until(&flag, work).map_err(|stop::Stopped| error::stopped()),
         None => Ok(work()),

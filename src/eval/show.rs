@@ -60,7 +60,8 @@ pub fn is_angle(ty: &Ty) -> bool {
     }
 }
 
-fn angle_text(x: f64) -> String {
+/// An angle in degrees, as a script would write it.
+pub fn angle_text(x: f64) -> String {
     format!("{}deg", number_text(x.to_degrees()))
 }
 
@@ -103,13 +104,15 @@ fn brief_within(value: &Value, ty: &Ty, depth: usize) -> String {
         Value::Transform(v) => format!("transform {}", numbers(v.value(), &number_text)),
         Value::List(items) if depth >= DEEPEST => format!("[… {} items]", items.len()),
         Value::List(items) => {
-            let (inner, n) = match ty {
-                Ty::Array(inner, _) => ((**inner).clone(), items.len()),
-                _ => (Ty::Any, items.len()),
+            let inner = |i: usize| match ty {
+                Ty::Array(inner, _) => inner,
+                Ty::Tuple(types) => types.get(i).unwrap_or(&Ty::Any),
+                _ => &Ty::Any,
             };
-            let mut parts: Vec<String> = items.iter().take(8).map(|i| brief_within(i, &inner, depth + 1)).collect();
-            if n > 8 {
-                parts.push(format!("… {} more", n - 8));
+            let part = |(i, item): (usize, &Value)| brief_within(item, inner(i), depth + 1);
+            let mut parts: Vec<String> = items.iter().take(8).enumerate().map(part).collect();
+            if items.len() > 8 {
+                parts.push(format!("… {} more", items.len() - 8));
             }
             format!("[{}]", parts.join(", "))
         }
@@ -141,12 +144,14 @@ fn brief_within(value: &Value, ty: &Ty, depth: usize) -> String {
             let fields: Vec<String> = s.fields.iter().map(|(n, v)| format!("{n}: {}", brief(v, &Ty::Any))).collect();
             format!("{}({})", s.kind.name(), fields.join(", "))
         }
-        Value::Estimate(e) if e.mean.len() <= SHOWN => {
-            let pairs = numbers(e.mean.value(), &number_text);
-            format!("{pairs} ± {} ({} repeats)", numbers(e.std_error.value(), &number_text), e.repeats)
-        }
         Value::Estimate(e) => {
-            format!("estimate {} over {} repeats ({})", sizes(e.mean.shape()), e.repeats, spread(e.mean.value()))
+            let is_of_angles = matches!(ty, Ty::Estimate(of) if is_angle(of));
+            let one: &dyn Fn(f64) -> String = if is_of_angles { &angle_text } else { &number_text };
+            let (mean, repeats) = (e.mean.value(), e.repeats);
+            match e.mean.len() <= SHOWN {
+                true => format!("{} ± {} ({repeats} repeats)", numbers(mean, &one), numbers(e.std_error.value(), &one)),
+                false => format!("estimate {} over {repeats} repeats ({})", sizes(&mean.shape), spread_of(mean, one)),
+            }
         }
         Value::Gradients(all) => {
             let lines: Vec<String> = all.iter().map(|g| format!("{}: {}", g.name, slope(g))).collect();

@@ -244,6 +244,30 @@ fn hopeless_runs_are_given_up() {
     assert!(lines(&place, "b", "ended").iter().all(|line| line["end"] == "finished"));
 }
 
+/// A column of angles says in what unit its numbers are, on the terminal, on the page and in files.
+#[test]
+fn angles_are_reported_in_degrees() {
+    let place = Place::new();
+    place.write(
+        "a.dscene",
+        "param tilt: angle = 0deg\nsweep tilt in [30deg, 0.5rad], seed in 0..2 { report { turn: 2 * tilt, x: 1 } }\n",
+    );
+    let output = place.dsl(&["sweep", "a.dscene", "--out", "r"]);
+    assert_code(&output, 0);
+    let words: Vec<String> = stdout(&output).split_whitespace().map(str::to_owned).collect();
+    assert!(words.windows(2).any(|w| w == ["turn", "(deg)"]) && words.contains(&"60".to_owned()), "{words:?}");
+    let [csv, json] = table(&place, "r");
+    assert!(
+        csv.starts_with(
+            "tilt,runs_finished,runs_diverged,runs_pruned,runs_error,turn (deg),turn (deg)_error,x,x_error\n"
+        ),
+        "{csv}"
+    );
+    let json: Value = serde_json::from_str(&json).unwrap();
+    let mean = json["rows"][1]["mean"]["turn (deg)"].as_f64().unwrap();
+    assert!((mean - 1f64.to_degrees()).abs() < 1e-9, "{json}");
+}
+
 /// What the page of a sweep holds; `pages.rs` looks at it in a browser.
 #[test]
 fn the_page_of_a_sweep_has_its_table_and_one_name_for_all_seeds() {

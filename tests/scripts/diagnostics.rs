@@ -647,7 +647,7 @@ save target \"a.png\"",
         script: "\
 sweep rat in [0.01, 0.1], spp in 3..3, size in [1, \"big\"], seed in [1.5], rat in [2] {
   optimize fit { using: adam(lr: 0.01), spp: spp }
-  report { fit, far: [size, 2], turned: 45deg, fit: 2, when: second }
+  report { fit, far: [size, 2], is_far: size > 2, fit: 2, when: second }
   let late = 3
   sweep i in 0..2 { print i }
   report { size }
@@ -660,7 +660,7 @@ sweep again in [1] { print again }",
             ("dscene::sweep::seed", "1.5", "`seed in 0..5`"),
             ("dscene::call::duplicate", "rat", ""),
             ("dscene::type::mismatch", "[size, 2]", "norm([size, 2])"),
-            ("dscene::type::mismatch", "45deg", "`45deg / 1deg`"),
+            ("dscene::type::mismatch", "size > 2", "`if size > 2 then 1 else 0`"),
             ("dscene::call::duplicate", "fit", ""),
             ("dscene::name::unknown", "second", ""),
             ("dscene::sweep::declaration", "let late = 3", "move it out"),

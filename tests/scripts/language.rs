@@ -127,6 +127,12 @@ fn functions_lambdas_pipes_strings() {
     check("fn f(x) { let y = x + 1 let z = y * 2 z - 1 }", "f(2)", json!(5));
     check("let name = \"ball\"", "\"{name} {1 + 1:04} {3.14159:.2} {7:3}\"", json!("ball 0002 3.14   7"));
     check("", "\"{[1, 2.345]:.1}\"", json!("[1.0, 2.3]"));
+    // What is an angle keeps its unit; zeros stand before the digits.
+    check(
+        "let v = [30deg, 60deg]",
+        "\"{v[0]:.2} {v:.1} {v[1]:04} {v[1]:7}|\"",
+        json!("30.00deg [30.0deg, 60.0deg] 0060deg   60deg|"),
+    );
     check("", "\"{0.00012345:.2e} {20:e}\"", json!("1.23e-4 2e1"));
     check("let a = b + 1\nlet b = 2", "a", json!(3));
     check("", "dot([1, 2, 3], [4, 5, 6])", json!(32));
@@ -495,6 +501,12 @@ fn values_show_what_they_are() {
     assert!(shown("target").starts_with("image 12×8, 3 channels (0 to "), "{}", shown("target"));
     assert_eq!(shown("diffuse(reflectance: 0.5)"), "diffuse(reflectance: 0.5)");
     assert_eq!(shown("1 / 3"), "0.3333333");
+    // An angle has its unit wherever it stands.
+    assert_eq!(shown("[30deg, \"a\", [60deg, 1rad]]"), "[30deg, \"a\", [60deg, 57.29578deg]]");
+    assert_eq!(shown("{ a: [{ b: 30deg }, { b: 1deg }] }.a"), "[{ b: 30deg }, { b: 1deg }]");
+    assert_eq!(shown("estimate(30deg, repeats: 2)"), "30deg ± 0deg (2 repeats)");
+    assert_eq!(shown("estimate([30deg, 1deg], repeats: 2)"), "[30deg, 1deg] ± [0deg, 0deg] (2 repeats)");
+    assert_eq!(shown("{ e: estimate(30deg, repeats: 2) }"), "{ e: 30deg ± 0deg (2 repeats) }");
 }
 
 #[test]
