@@ -4,6 +4,7 @@ use serde_json::{Map, Value, json};
 
 use super::folder::{nested, number};
 use super::optimization::StepReport;
+use crate::stop::paced;
 
 /// Params with more numbers than this are left out of the log.
 pub const LOGGED_NUMBERS: usize = 64;
@@ -18,9 +19,9 @@ pub struct Range {
 
 impl Range {
     pub fn of(numbers: &[f64]) -> Range {
-        let least = numbers.iter().copied().fold(f64::INFINITY, f64::min);
-        let most = numbers.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        Range { mean: numbers.iter().sum::<f64>() / numbers.len() as f64, least, most }
+        let all = || paced(numbers, 1).copied();
+        let (least, most) = (all().fold(f64::INFINITY, f64::min), all().fold(f64::NEG_INFINITY, f64::max));
+        Range { mean: all().sum::<f64>() / numbers.len() as f64, least, most }
     }
 }
 

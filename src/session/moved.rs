@@ -10,6 +10,7 @@ use crate::diag::Diagnostic;
 use crate::eval::{Engine, ParamInfo, ParamKind};
 use crate::optim::{Geometry, Law, Prior, Space};
 use crate::source::Span;
+use crate::stop::paced;
 use crate::tape::Tensor;
 
 /// A param or field that moves.
@@ -58,7 +59,8 @@ pub fn moved_params(
         let value = engine.target_tensor(&target)?;
         let is_of_numbers = !matches!(space.geometry, Geometry::Rotation | Geometry::Unit);
         if is_of_numbers && !domains.is_empty() {
-            notes.extend(domains.iter().filter_map(|d| kept_inside(&mut space, d, &value, &name)));
+            let told = domains.iter().filter_map(|d| kept_inside(&mut space, d, &value, &name));
+            engine.stoppable(|| notes.extend(told))?;
         }
         if let Some(info) = info.filter(|_| !space.may_start(&value.data)) {
             return Err(cannot_start(engine, info, &space));
@@ -78,17 +80,17 @@ fn kept_inside(space: &mut Space, reached: &Reached, value: &Tensor, name: &str)
     let margin = if domain.angle { 0.1f64.to_radians() } else { 1e-9 };
     let low = domain.low + if domain.above_low { margin } else { 0.0 };
     let high = domain.high - if domain.below_high { margin } else { 0.0 };
-    if value.data.iter().enumerate().any(|(at, x)| inside(at) && !(low..=high).contains(x)) {
+    if paced(value.data.iter().enumerate(), 1).any(|(at, x)| inside(at) && !(low..=high).contains(x)) {
         return None;
     }
     let n = value.len();
     let side = |old: &Option<Vec<f64>>, free: f64| -> Vec<f64> {
         let old = old.as_deref().filter(|b| !b.is_empty());
-        (0..n).map(|i| old.map_or(free, |b| b[i % b.len()])).collect()
+        paced(0..n, 1).map(|i| old.map_or(free, |b| b[i % b.len()])).collect()
     };
     let (old_low, old_high) = (side(&space.lower, f64::NEG_INFINITY), side(&space.upper, f64::INFINITY));
     let narrow = |old: &[f64], f: fn(f64, f64) -> f64, limit: f64| -> Vec<f64> {
-        old.iter().enumerate().map(|(i, &b)| if inside(i) { f(b, limit) } else { b }).collect()
+        paced(old.iter().enumerate(), 1).map(|(i, &b)| if inside(i) { f(b, limit) } else { b }).collect()
     };
     let (new_low, new_high) = (narrow(&old_low, f64::max, low), narrow(&old_high, f64::min, high));
     if (&new_low, &new_high) == (&old_low, &old_high) {

@@ -21,6 +21,7 @@ use crate::memory;
 use crate::natives::value::Value;
 use crate::optim::{AutoSamples, GaveUp, GradientNoise, GradientSize, Optimizer, Solver, Space, StepOutcome};
 use crate::source::Span;
+use crate::stop::paced;
 use crate::tape::Tensor;
 
 /// An optimisation that can be advanced a step at a time; the params themselves live in the engine.
@@ -490,12 +491,14 @@ impl Optimization {
         self.enter_step(engine)?;
         let targets = self.targets();
         let before: Vec<Tensor> = targets.iter().map(|t| engine.target_tensor(t)).collect::<Result<_, _>>()?;
+        let values = engine.stoppable(|| paced(&before, 1 << 16).map(|t| t.data.clone()).collect())?;
+        let memory = engine.stoppable(|| self.memory.clone())?;
         self.before = Some(Before {
             done: self.done,
-            memory: self.memory.clone(),
+            memory,
             losses: self.losses.len(),
             told: engine.losses_told(),
-            values: before.iter().map(|t| t.data.clone()).collect(),
+            values,
             declarations: engine.statistics().declarations,
         });
         let found = self.take_step(engine, &targets, before).and_then(|report| {
@@ -540,7 +543,7 @@ impl Optimization {
         let logged = self.params.iter().zip(&before).filter(small);
         let logged = logged.map(|(p, t)| (p.name.clone(), t.shape.clone(), t.data.clone())).collect();
         let large = self.params.iter().zip(&before).filter(|pair| !small(pair));
-        let ranges = large.map(|(p, t)| (p.name.clone(), Range::of(&t.data))).collect();
+        let ranges = engine.stoppable(|| large.map(|(p, t)| (p.name.clone(), Range::of(&t.data))).collect())?;
         let here: Vec<Vec<f64>> = before.into_iter().map(|t| t.data).collect();
         let moved = self.follow(engine, method, lr, &using, targets, here.clone())?;
         let spp = self.learn_samples(&moved);
@@ -562,7 +565,7 @@ impl Optimization {
         };
         if skipped.is_none() {
             self.memory.footing = Some(Footing { step: self.done, values: here, rate: lr });
-            if moved.values.iter().flatten().any(|x| !x.is_finite()) {
+            if engine.stoppable(|| paced(moved.values.iter().flatten(), 1).any(|x| !x.is_finite()))? {
                 self.rejected = Some(moved.values);
                 let message = "there is no such number: it is too large";
                 return Err(
@@ -679,10 +682,12 @@ impl Optimization {
             // What is infinite or NaN has no direction in which it falls, whatever its derivatives say.
             grads.iter_mut().flatten().for_each(|g| *g = f64::NAN);
         }
-        let felt = grads.iter().map(|grad| grad.iter().any(|g| *g != 0.0)).collect();
-        let (gradients, square) = self.sizes(&values, &grads, gradient.is_noisy);
         let clip = self.stage().and_then(|stage| stage.clip);
-        let outcome = self.memory.optimizer.step(&mut values, &grads, lr, clip);
+        let (felt, (gradients, square), outcome) = engine.stoppable(|| {
+            let felt = grads.iter().map(|grad| paced(grad, 1).any(|g| *g != 0.0)).collect();
+            let sizes = self.sizes(&values, &grads, gradient.is_noisy);
+            (felt, sizes, self.memory.optimizer.step(&mut values, &grads, lr, clip))
+        })?;
         Ok(Move { loss: gradient.value, loss_error: None, gradients, values, outcome, felt, square })
     }
 
@@ -695,7 +700,7 @@ impl Optimization {
         let tangents = self.memory.optimizer.tangents(values, grads);
         let samples = self.stage().and_then(|stage| stage.auto).map_or(1, |auto| self.spp(self.done, &auto));
         let size = |(noise, tangent): (&mut GradientNoise, &Vec<f64>)| {
-            if tangent.iter().any(|g| !g.is_finite()) {
+            if paced(tangent, 1).any(|g| !g.is_finite()) {
                 return (GradientSize { norm: f64::NAN, error: None }, f64::NAN);
             }
             let (size, product) = noise.add(tangent, f64::from(samples));

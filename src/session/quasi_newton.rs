@@ -6,7 +6,7 @@ use super::least_squares::put;
 use super::optimization::Move;
 use crate::check::hir;
 use crate::diag::Diagnostic;
-use crate::eval::{Engine, Gradient, INTERRUPTED};
+use crate::eval::{Engine, Gradient, INTERRUPTED, until};
 use crate::optim::{GradientSize, Lbfgs, Space, StepOutcome, Twice, skip};
 
 /// A solver with its memory, for one stage.
@@ -42,6 +42,7 @@ impl QuasiNewton {
         values: Vec<Vec<f64>>,
         lr: f64,
     ) -> Result<Move, Diagnostic> {
+        let interrupt = engine.options().interrupt.clone();
         let felt = &mut self.felt;
         let measure = |at: &[Vec<f64>]| -> Result<Twice, Diagnostic> {
             put(engine, targets, at.to_vec())?;
@@ -59,7 +60,7 @@ impl QuasiNewton {
         };
         let is_fatal = |e: &Diagnostic| e.code == INTERRUPTED;
         let rate = if lr.is_finite() { lr } else { 0.0 };
-        let searched = self.lbfgs.step(&values, rate, measure, is_fatal)?;
+        let searched = until(interrupt, || self.lbfgs.step(&values, rate, measure, is_fatal))??;
         put(engine, targets, values.clone())?;
         let felt = self.felt.clone();
         match searched {

@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 use super::least_squares::CERTAIN;
 use super::noise::GradientSize;
 use super::space::Space;
+use crate::stop::{self, paced};
 
 /// Sufficient decrease, and sufficient fall of the slope, of the weak Wolfe conditions.
 const DECREASE: f64 = 1e-4;
@@ -24,16 +25,27 @@ const MOST_TRIALS: usize = 12;
 
 /// A loss and its gradient (by param, in the values themselves), with the samples A and with the samples B.
 pub struct Twice {
+    /// By the set of samples.
     pub losses: [f64; 2],
+    /// By the set of samples, the param and its element.
     pub grads: [Vec<Vec<f64>>; 2],
 }
 
 /// A change of the unknowns, the change of the gradient with it, and 1 / sᵀy.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Debug, Serialize, Deserialize)]
 struct Pair {
     s: Vec<f64>,
     y: Vec<f64>,
     rho: f64,
+}
+
+impl Clone for Pair {
+    fn clone(&self) -> Pair {
+        stop::check();
+        let s = self.s.clone();
+        stop::check();
+        Pair { s, y: self.y.clone(), rho: self.rho }
+    }
 }
 
 /// What became of a step.
@@ -43,7 +55,9 @@ pub struct Searched {
     pub values: Vec<Vec<f64>>,
     /// At the params before.
     pub loss: f64,
+    /// By param, at the params before.
     pub sizes: Vec<GradientSize>,
+    /// Whether some point was better.
     pub found: bool,
 }
 
@@ -176,16 +190,16 @@ impl Lbfgs {
         let mut weights = Vec::with_capacity(self.pairs.len());
         for pair in self.pairs.iter().rev() {
             let weight = pair.rho * dot(&pair.s, &q);
-            q.iter_mut().zip(&pair.y).for_each(|(q, y)| *q -= weight * y);
+            paced(q.iter_mut().zip(&pair.y), 1).for_each(|(q, y)| *q -= weight * y);
             weights.push(weight);
         }
         if let Some(last) = self.pairs.back() {
             let scale = 1.0 / (last.rho * dot(&last.y, &last.y));
-            q.iter_mut().for_each(|q| *q *= scale);
+            paced(&mut q, 1).for_each(|q| *q *= scale);
         }
         for (pair, weight) in self.pairs.iter().zip(weights.iter().rev()) {
             let back = weight - pair.rho * dot(&pair.y, &q);
-            q.iter_mut().zip(&pair.s).for_each(|(q, s)| *q += back * s);
+            paced(q.iter_mut().zip(&pair.s), 1).for_each(|(q, s)| *q += back * s);
         }
         q
     }
@@ -221,7 +235,7 @@ impl Lbfgs {
             let (own, others) = rest.split_at(space.unknowns(value.len()));
             let stuck =
                 |(k, g): (usize, &f64)| space.preconditioner.is_none() && *g != 0.0 && space.is_stuck(value, k, -g);
-            free.extend(own.iter().enumerate().map(|at| !stuck(at)));
+            free.extend(paced(own.iter().enumerate(), 1).map(|at| !stuck(at)));
             rest = others;
         }
         free
@@ -241,24 +255,25 @@ impl Lbfgs {
 
 /// A param whose rate is twice that of others takes steps twice as long along the gradient: its unknowns are √2 of others.
 fn scaled(space: &Space, mut x: Vec<f64>) -> Vec<f64> {
-    x.iter_mut().for_each(|x| *x *= space.lr.sqrt());
+    let unit = space.lr.sqrt();
+    paced(&mut x, 1).for_each(|x| *x *= unit);
     x
 }
 
 fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
+    paced(a.iter().zip(b), 1).map(|(a, b)| a * b).sum()
 }
 
 fn mean(a: &[f64], b: &[f64]) -> Vec<f64> {
-    a.iter().zip(b).map(|(a, b)| 0.5 * (a + b)).collect()
+    paced(a.iter().zip(b), 1).map(|(a, b)| 0.5 * (a + b)).collect()
 }
 
 fn half_difference(a: &[f64], b: &[f64]) -> Vec<f64> {
-    a.iter().zip(b).map(|(a, b)| 0.5 * (a - b)).collect()
+    paced(a.iter().zip(b), 1).map(|(a, b)| 0.5 * (a - b)).collect()
 }
 
 fn difference(a: &[f64], b: &[f64]) -> Vec<f64> {
-    a.iter().zip(b).map(|(a, b)| a - b).collect()
+    paced(a.iter().zip(b), 1).map(|(a, b)| a - b).collect()
 }
 
 #[cfg(test)]

@@ -19,6 +19,7 @@ use crate::stop;
 
 /// The derivatives J_A and J_B of two measurements of the residuals, as linear maps that do not change.
 pub trait Jacobians {
+    /// Why a product could not be computed.
     type Error;
 
     /// J_A `direction` and J_B `direction`.

@@ -3,6 +3,8 @@
 //! Everything works on plain slices of `f64`, one for each param. A [`Solver`] knows nothing about spaces and a [`Space`] nothing about
 //! solvers. [`Optimizer`] combines them, and skips steps whose gradient is not finite.
 
+#![deny(missing_docs)]
+
 mod lbfgs;
 mod least_squares;
 mod matrix_free;
@@ -25,19 +27,29 @@ pub use solver::{Solver, State};
 pub use space::{Geometry, Space};
 pub use stopping::{is_converged, is_plateau, plateau_ratio};
 
+use crate::stop::paced;
+
 /// The optimisers that the language has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Rule {
+    /// [`Solver::Sgd`].
     Sgd,
+    /// [`Solver::Adam`].
     Adam,
+    /// [`Solver::AdamUniform`].
     AdamUniform,
+    /// [`Solver::RmsProp`].
     RmsProp,
+    /// [`Lbfgs`].
     Lbfgs,
+    /// [`LeastSquares`] or [`MatrixFree`] with damping.
     LevenbergMarquardt,
+    /// The same without.
     GaussNewton,
 }
 
 impl Rule {
+    /// The name of its constructor in the language.
     pub fn name(self) -> &'static str {
         match self {
             Rule::Sgd => "sgd",
@@ -60,13 +72,17 @@ pub enum StepOutcome {
     /// The params moved.
     Moved,
     /// The gradient of these params (indices) was not finite; nothing moved.
-    Skipped { params: Vec<usize> },
+    Skipped {
+        /// In the order of the arguments of [`Optimizer::step`].
+        params: Vec<usize>,
+    },
 }
 
 /// The error after too many skipped steps in a row.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("the gradient was not finite in {in_a_row} steps in a row")]
 pub struct GaveUp {
+    /// How many steps were skipped, one after the other.
     pub in_a_row: u64,
     /// Indices of the params whose gradient was not finite in the last step.
     pub params: Vec<usize>,
@@ -128,6 +144,7 @@ impl Optimizer {
     /// Takes a step: moves `values` against `grads` (each with one slice per param) at rate `lr`. If the gradient has a NaN or an
     /// infinity, nothing moves; after [`MAX_SKIPPED_IN_A_ROW`] such gradients in a row it is an error.
     /// A gradient whose norm over all params, in the coordinates in which they are optimised, exceeds `clip` is shortened to that.
+    /// If it is ended early ([`crate::stop`]), values and state are half moved, and no good any more.
     pub fn step(
         &mut self,
         values: &mut [Vec<f64>],
@@ -135,8 +152,9 @@ impl Optimizer {
         lr: f64,
         clip: Option<f64>,
     ) -> Result<StepOutcome, GaveUp> {
-        let is_broken =
-            |(_, (space, grad)): &(usize, (&Space, &Vec<f64>))| !space.frozen && grad.iter().any(|g| !g.is_finite());
+        let is_broken = |(_, (space, grad)): &(usize, (&Space, &Vec<f64>))| {
+            !space.frozen && paced(*grad, 1).any(|g| !g.is_finite())
+        };
         let broken: Vec<usize> =
             self.spaces.iter().zip(grads).enumerate().filter(is_broken).map(|(index, _)| index).collect();
         if !broken.is_empty() || !lr.is_finite() {
@@ -144,9 +162,9 @@ impl Optimizer {
         }
         self.in_a_row = 0;
         let mut tangents = self.tangents(values, grads);
-        let norm = tangents.iter().flatten().map(|g| g * g).sum::<f64>().sqrt();
+        let norm = paced(tangents.iter().flatten(), 1).map(|g| g * g).sum::<f64>().sqrt();
         if let Some(clip) = clip.filter(|clip| norm > *clip) {
-            tangents.iter_mut().flatten().for_each(|g| *g *= clip / norm);
+            paced(tangents.iter_mut().flatten(), 1).for_each(|g| *g *= clip / norm);
         }
         for ((space, state), (value, tangent)) in
             self.spaces.iter().zip(&mut self.states).zip(values.iter_mut().zip(tangents))
@@ -164,7 +182,10 @@ impl Optimizer {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use super::*;
+    use crate::stop;
 
     /// Minimises ½ Σ aᵢ (xᵢ − bᵢ)².
     fn bowl(x: &[f64], a: &[f64], b: &[f64]) -> Vec<f64> {
@@ -190,6 +211,49 @@ mod tests {
             assert!((values[0][0] - 0.5).abs() < 1e-3, "{solver:?}: {values:?}");
             assert!((values[0][1] - 0.25).abs() < 1e-3, "{solver:?}: {values:?}");
         }
+    }
+
+    /// Work on many numbers is ended early, within each pass over them.
+    #[test]
+    fn steps_of_many_numbers_can_be_ended() {
+        const N: usize = 3 << 17;
+        let solvers = [
+            Solver::Sgd { momentum: 0.9, nesterov: true },
+            Solver::adam(),
+            Solver::AdamUniform { beta1: 0.9, beta2: 0.999, epsilon: 1e-8 },
+            Solver::RmsProp { decay: 0.9, epsilon: 1e-8, momentum: 0.0 },
+        ];
+        let bounds = |geometry| Space { geometry, lower: Some(vec![0.5]), upper: Some(vec![9.0]), ..Space::plain() };
+        let spaces = [Geometry::Plain, Geometry::Positive, Geometry::Interior, Geometry::Unit].map(bounds);
+        let (values, grads) = (vec![vec![2.0; N]], vec![vec![0.25; N]]);
+        for (solver, space) in solvers.iter().flat_map(|solver| spaces.iter().map(move |space| (solver, space))) {
+            let mut optimizer = Optimizer::new(*solver, vec![space.clone()]);
+            let before = stop::checks();
+            let mut moved = values.clone();
+            optimizer.step(&mut moved, &grads, 0.01, Some(1.0)).unwrap();
+            assert_ne!(moved, values);
+            // Gradients that are finite, their norm, its bound, the solver's step and the way along it.
+            let passes = (stop::checks() - before) / (N as u64 >> 16);
+            assert!(passes >= 5, "{solver:?} {space:?}: {passes} passes");
+            let set = Arc::new(true.into());
+            let ended = stop::until(&set, || optimizer.step(&mut moved, &grads, 0.01, None).map(drop));
+            assert_eq!(ended, Err(stop::Stopped));
+            assert_eq!(stop::until(&set, || drop(optimizer.clone())), Err(stop::Stopped), "copies are long too");
+        }
+        let mut noise = GradientNoise::default();
+        let before = stop::checks();
+        let found: Vec<f64> = (0..2).map(|_| noise.add(&grads[0], 1.0).0.norm).collect();
+        assert_eq!(found[0], found[1]);
+        assert!((stop::checks() - before) / (N as u64 >> 16) >= 4);
+        let mut lbfgs = Lbfgs::new(vec![Space::plain()], 10, 0.1);
+        let bowl = |x: &[Vec<f64>]| -> Result<Twice, ()> {
+            let loss = x[0].iter().map(|x| x * x).sum::<f64>();
+            let grad = vec![x[0].iter().map(|x| 2.0 * x).collect::<Vec<f64>>()];
+            Ok(Twice { losses: [loss; 2], grads: [grad.clone(), grad] })
+        };
+        let before = stop::checks();
+        lbfgs.step(&values, 1.0, bowl, |()| true).unwrap().unwrap();
+        assert!((stop::checks() - before) / (N as u64 >> 16) >= 20);
     }
 
     #[test]

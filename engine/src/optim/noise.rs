@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::stop::{self, paced};
+
 /// Norm and standard error of the gradient of one param.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GradientSize {
@@ -29,7 +31,7 @@ const NEWS: f64 = 0.1;
 /// Estimates the noise of one param's gradient from the differences of successive steps: the mean square of the difference of two
 /// gradients with independent noise of variance σ² is 2σ² (von Neumann). The estimate is too large by the change of the gradient
 /// itself, which is small if steps are small, and too small if the noise of steps is correlated, as with control variates.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct GradientNoise {
     last: Vec<f64>,
     /// Samples from which it was computed, up to a factor.
@@ -39,6 +41,13 @@ pub struct GradientNoise {
     weight: f64,
 }
 
+impl Clone for GradientNoise {
+    fn clone(&self) -> GradientNoise {
+        stop::check();
+        GradientNoise { last: self.last.clone(), ..*self }
+    }
+}
+
 impl GradientNoise {
     /// Adds the gradient of a step, which must be finite and comes from so many samples (up to a factor that never changes). Returns its norm
     /// and standard error, and its product with the gradient of the step before (NaN for the first), whose mean is the square of the
@@ -46,14 +55,14 @@ impl GradientNoise {
     pub fn add(&mut self, gradient: &[f64], samples: f64) -> (GradientSize, f64) {
         let mut product = f64::NAN;
         if self.last.len() == gradient.len() {
-            let square = self.last.iter().zip(gradient).map(|(a, b)| (a - b) * (a - b)).sum::<f64>();
+            let square = paced(self.last.iter().zip(gradient), 1).map(|(a, b)| (a - b) * (a - b)).sum::<f64>();
             let variance = square / (1.0 / self.samples + 1.0 / samples);
             self.variance += NEWS * (variance - self.variance);
             self.weight += NEWS * (1.0 - self.weight);
-            product = self.last.iter().zip(gradient).map(|(a, b)| a * b).sum();
+            product = paced(self.last.iter().zip(gradient), 1).map(|(a, b)| a * b).sum();
         }
         (self.last, self.samples) = (gradient.to_vec(), samples);
-        let norm = gradient.iter().map(|g| g * g).sum::<f64>().sqrt();
+        let norm = paced(gradient, 1).map(|g| g * g).sum::<f64>().sqrt();
         let error = (self.weight > 0.0).then(|| (self.variance / self.weight / samples).sqrt());
         (GradientSize { norm, error }, product)
     }
@@ -62,6 +71,7 @@ impl GradientNoise {
 /// The samples of a step, chosen by the noise that was measured in the steps before.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AutoSamples {
+    /// Those of the next step.
     pub samples: u32,
     /// Exponentially weighted sums of the squared gradient and of the weights.
     square: f64,

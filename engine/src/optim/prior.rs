@@ -16,6 +16,7 @@ pub enum Law {
 }
 
 impl Law {
+    /// All of them.
     pub const ALL: [Law; 3] = [Law::Normal, Law::Uniform, Law::LogNormal];
 
     /// The constructor's name.
@@ -40,7 +41,9 @@ impl Law {
 /// The distribution of a param, with the law's two numbers for each element.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Prior {
+    /// The family that the distributions of all elements are of.
     pub law: Law,
+    /// By argument of the law ([`Law::numbers`]) and element of the param, in the param's unit.
     pub numbers: [Vec<f64>; 2],
 }
 

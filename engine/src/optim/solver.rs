@@ -2,22 +2,50 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::stop::{self, paced};
+
 /// A first-order update rule.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Solver {
     /// Gradient descent with momentum: v ← momentum · v + g; the step is −lr · v or, with `nesterov`, −lr · (g + momentum · v).
-    Sgd { momentum: f64, nesterov: bool },
+    Sgd {
+        /// From 0 (none) to 1.
+        momentum: f64,
+        /// Whether the step looks ahead.
+        nesterov: bool,
+    },
     /// Adam (Kingma and Ba 2015), with bias correction.
-    Adam { beta1: f64, beta2: f64, epsilon: f64 },
+    Adam {
+        /// Decay of the running mean of g, from 0 to 1.
+        beta1: f64,
+        /// Decay of the running mean of g², from 0 to 1.
+        beta2: f64,
+        /// Added to what is divided by.
+        epsilon: f64,
+    },
     /// Adam with a single second moment per tensor, the largest of its elements (Nicolet et al. 2021), so that the step has the direction
     /// of the gradient.
-    AdamUniform { beta1: f64, beta2: f64, epsilon: f64 },
+    AdamUniform {
+        /// Decay of the running mean of g, from 0 to 1.
+        beta1: f64,
+        /// Decay of the running mean of g², from 0 to 1.
+        beta2: f64,
+        /// Added to what is divided by.
+        epsilon: f64,
+    },
     /// RMSProp (Hinton): g divided by the root of the running mean of g², with optional momentum on the result.
-    RmsProp { decay: f64, epsilon: f64, momentum: f64 },
+    RmsProp {
+        /// Of the running mean of g², from 0 to 1.
+        decay: f64,
+        /// Added to what is divided by.
+        epsilon: f64,
+        /// From 0 (none) to 1.
+        momentum: f64,
+    },
 }
 
 /// The state of a solver for one param.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct State {
     /// Velocity or first moment.
     first: Vec<f64>,
@@ -25,6 +53,15 @@ pub struct State {
     second: Vec<f64>,
     /// Number of updates.
     count: i32,
+}
+
+impl Clone for State {
+    fn clone(&self) -> State {
+        stop::check();
+        let first = self.first.clone();
+        stop::check();
+        State { first, second: self.second.clone(), count: self.count }
+    }
 }
 
 impl State {
@@ -47,6 +84,7 @@ impl Solver {
     /// The displacement for gradient `grad` (finite) at rate `lr`, which is to be added to the param.
     pub fn update(&self, state: &mut State, grad: &[f64], lr: f64) -> Vec<f64> {
         state.first.resize(grad.len(), 0.0);
+        stop::check();
         state.second.resize(grad.len(), 0.0);
         state.count = state.count.saturating_add(1);
         match *self {
@@ -56,18 +94,18 @@ impl Solver {
                     let direction = if nesterov { g + momentum * *velocity } else { *velocity };
                     -lr * direction
                 };
-                state.first.iter_mut().zip(grad).map(step).collect()
+                paced(state.first.iter_mut().zip(grad), 1).map(step).collect()
             }
             Solver::Adam { beta1, beta2, epsilon } => {
                 let (correction1, correction2) = state.moments(grad, beta1, beta2);
                 let step = |(m, v): (&f64, &f64)| -lr * (m / correction1) / ((v / correction2).sqrt() + epsilon);
-                state.first.iter().zip(&state.second).map(step).collect()
+                paced(state.first.iter().zip(&state.second), 1).map(step).collect()
             }
             Solver::AdamUniform { beta1, beta2, epsilon } => {
                 let (correction1, correction2) = state.moments(grad, beta1, beta2);
-                let largest = state.second.iter().fold(0.0_f64, |largest, v| largest.max(*v));
+                let largest = paced(&state.second, 1).fold(0.0_f64, |largest, v| largest.max(*v));
                 let divisor = (largest / correction2).sqrt() + epsilon;
-                state.first.iter().map(|m| -lr * (m / correction1) / divisor).collect()
+                paced(&state.first, 1).map(|m| -lr * (m / correction1) / divisor).collect()
             }
             Solver::RmsProp { decay, epsilon, momentum } => {
                 let step = |((velocity, v), g): ((&mut f64, &mut f64), &f64)| {
@@ -75,7 +113,7 @@ impl Solver {
                     *velocity = momentum * *velocity + g / (v.sqrt() + epsilon);
                     -lr * *velocity
                 };
-                state.first.iter_mut().zip(&mut state.second).zip(grad).map(step).collect()
+                paced(state.first.iter_mut().zip(&mut state.second).zip(grad), 1).map(step).collect()
             }
         }
     }
@@ -84,7 +122,7 @@ impl Solver {
 impl State {
     /// Advances Adam's running moments; returns the two bias corrections 1 − βᵗ.
     fn moments(&mut self, grad: &[f64], beta1: f64, beta2: f64) -> (f64, f64) {
-        for ((m, v), g) in self.first.iter_mut().zip(&mut self.second).zip(grad) {
+        for ((m, v), g) in paced(self.first.iter_mut().zip(&mut self.second).zip(grad), 1) {
             *m = beta1 * *m + (1.0 - beta1) * g;
             *v = beta2 * *v + (1.0 - beta2) * g * g;
         }

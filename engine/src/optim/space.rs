@@ -6,6 +6,7 @@ use std::sync::Arc;
 use super::preconditioner::Preconditioner;
 use super::prior::Prior;
 use crate::math::Pcg32;
+use crate::stop::paced;
 
 /// The geometry of a param's values.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -27,9 +28,11 @@ pub enum Geometry {
 /// The space of one param.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Space {
+    /// What its values are, by which steps are taken.
     pub geometry: Geometry,
-    /// Bounds of each element (for numbers).
+    /// The least value of each element (for numbers); one stands for all, and fewer than the elements repeat.
     pub lower: Option<Vec<f64>>,
+    /// The greatest value of each element, likewise.
     pub upper: Option<Vec<f64>>,
     /// From what starts are drawn, rather than between the bounds.
     pub prior: Option<Prior>,
@@ -99,9 +102,9 @@ impl Space {
         let mut turned = match self.geometry {
             Geometry::Rotation if value.len() == 9 && grad.len() == 9 => rotation_gradient(value, grad).to_vec(),
             Geometry::Unit => by_threes(value, grad, cross),
-            _ => grad.iter().enumerate().map(|(index, g)| g * self.slope(value, index)).collect(),
+            _ => paced(grad.iter().enumerate(), 1).map(|(index, g)| g * self.slope(value, index)).collect(),
         };
-        turned.iter_mut().for_each(|g| *g *= self.scale);
+        paced(&mut turned, 1).for_each(|g| *g *= self.scale);
         match &self.preconditioner {
             Some(preconditioner) => preconditioner.gradient(&turned),
             None => turned,
@@ -122,7 +125,7 @@ impl Space {
         for (index, row) in rows.iter_mut().enumerate() {
             let factor = self.scale * self.slope(value, index);
             if factor != 1.0 {
-                row.iter_mut().for_each(|x| *x *= factor);
+                paced(row.iter_mut(), 1).for_each(|x| *x *= factor);
             }
         }
     }
@@ -134,9 +137,9 @@ impl Space {
         let changed = changed.as_deref().unwrap_or(update);
         let mut moved = match self.geometry {
             Geometry::Unit => by_threes(changed, value, cross),
-            _ => changed.iter().enumerate().map(|(index, x)| x * self.slope(value, index)).collect(),
+            _ => paced(changed.iter().enumerate(), 1).map(|(index, x)| x * self.slope(value, index)).collect(),
         };
-        moved.iter_mut().for_each(|x| *x *= self.scale);
+        paced(&mut moved, 1).for_each(|x| *x *= self.scale);
         moved
     }
 
@@ -154,7 +157,7 @@ impl Space {
             return Vec::new();
         }
         let changed = self.preconditioner.as_ref().map(|p| p.change(update));
-        for (index, u) in changed.as_deref().unwrap_or(update).iter().enumerate().take(value.len()) {
+        for (index, u) in paced(changed.as_deref().unwrap_or(update).iter().enumerate().take(value.len()), 1) {
             value[index] = self.moved(value[index], u * self.scale, index);
         }
         let stuck = self.project(value);
@@ -242,7 +245,7 @@ impl Space {
             return by_threes(value, value, |_, _| direction(random.next_2d()));
         }
         let mut drawn = Vec::with_capacity(value.len());
-        for (index, old) in value.iter().enumerate() {
+        for (index, old) in paced(value.iter().enumerate(), 1) {
             let ((lower, upper), limits) = (self.bounds_at(index), self.limits_at(index));
             if let Some(prior) = &self.prior {
                 drawn.push(prior.drawn(index, limits, &mut random));
@@ -263,7 +266,7 @@ impl Space {
     /// Clamps `value` to the bounds; returns the elements that were outside.
     fn project(&self, value: &mut [f64]) -> Vec<usize> {
         let mut stuck = Vec::new();
-        for (index, v) in value.iter_mut().enumerate().filter(|(_, v)| !v.is_nan()) {
+        for (index, v) in paced(value.iter_mut().enumerate(), 1).filter(|(_, v)| !v.is_nan()) {
             let (least, most) = self.limits_at(index);
             let inside = v.max(least).min(most);
             if inside != *v {
@@ -329,7 +332,8 @@ fn cross(a: &[f64], b: &[f64]) -> [f64; 3] {
 
 /// What a function of two vectors makes of each pair of three numbers.
 fn by_threes(a: &[f64], b: &[f64], mut f: impl FnMut(&[f64], &[f64]) -> [f64; 3]) -> Vec<f64> {
-    a.chunks_exact(3).zip(b.chunks_exact(3)).flat_map(|(a, b)| f(a, b)).collect()
+    // To turn a vector takes several sines.
+    paced(a.chunks_exact(3).zip(b.chunks_exact(3)), 16).flat_map(|(a, b)| f(a, b)).collect()
 }
 
 /// A vector turned by ω and made one unit long, which removes rounding errors.
