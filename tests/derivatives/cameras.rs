@@ -60,6 +60,49 @@ fn area(distortion: [f64; 5], camera: &Camera, v: &[Vec3], shift: DVec3, roll: f
     (0.5 * (0..n).map(|i| points[i].perp_dot(points[(i + 1) % n])).sum::<f64>()).abs()
 }
 
+/// The derivatives of the triangle's area by its coordinates, the camera's place, its tilt and what its lens distorts: by differences, and those
+/// of a gradient by vertices, place, frame and distortion.
+fn by_differences(camera: &Camera, v: &[Vec3; 3], g: &[Vec<f64>; 4]) -> (Vec<f64>, Vec<f64>) {
+    let bent = camera.distortion.coefficients.map(f64::from);
+    let h = 1e-4;
+    let moved = |f: &dyn Fn(f64) -> f64| (f(h) - f(-h)) / (2.0 * h);
+    let mut expected = Vec::new();
+    let mut found = Vec::new();
+    for i in 0..9 {
+        expected.push(moved(&|t| {
+            let mut w = *v;
+            w[i / 3][i % 3] += t as f32;
+            let exact = f64::from(w[i / 3][i % 3]) - f64::from(v[i / 3][i % 3]);
+            let base = area(bent, camera, v, DVec3::ZERO, 0.0);
+            base + (area(bent, camera, &w, DVec3::ZERO, 0.0) - base) * t / exact
+        }));
+        found.push(g[0][i]);
+    }
+    for (axis, found_here) in DVec3::AXES.into_iter().zip(&g[1]) {
+        expected.push(moved(&|t| area(bent, camera, v, axis * t, 0.0)));
+        found.push(*found_here);
+    }
+    // Tilting: up and forward turn about right.
+    expected.push(moved(&|t| area(bent, camera, v, DVec3::ZERO, t)));
+    let r = camera.frame[0];
+    let turned = [Vec3::ZERO, r.cross(camera.frame[1]), r.cross(camera.frame[2])];
+    let rows = turned.iter().flat_map(|v| v.to_array());
+    found.push(g[2].iter().zip(rows).map(|(g, t)| g * f64::from(t)).sum());
+
+    if camera.supports_distortion() {
+        for (i, found_here) in g[3].iter().enumerate() {
+            let with = |t: f64| {
+                let mut bent = bent;
+                bent[i] += t;
+                area(bent, camera, v, DVec3::ZERO, 0.0)
+            };
+            expected.push(moved(&with));
+            found.push(*found_here);
+        }
+    }
+    (expected, found)
+}
+
 #[test]
 fn area_of_a_triangle_in_every_camera() {
     /// After nine vertex coordinates and three of the camera; then the distortion's coefficients.
@@ -82,7 +125,6 @@ fn area_of_a_triangle_in_every_camera() {
             let mut camera = look_at(vec3(0.3, 0.2, -z), vec3(0.1, 0., 0.), 60., 48);
             camera.projection = projection;
             camera.distortion = Distortion { coefficients };
-            let bent = coefficients.map(f64::from);
             camera.scale = match projection {
                 Projection::Perspective => [1.1, 1.1],
                 Projection::Orthographic => [2.0, 2.0],
@@ -118,43 +160,7 @@ fn area_of_a_triangle_in_every_camera() {
                 }
             }
 
-            let h = 1e-4;
-            let moved = |f: &dyn Fn(f64) -> f64| (f(h) - f(-h)) / (2.0 * h);
-            let mut expected = Vec::new();
-            let mut found = Vec::new();
-            for i in 0..9 {
-                expected.push(moved(&|t| {
-                    let mut w = v;
-                    w[i / 3][i % 3] += t as f32;
-                    let exact = f64::from(w[i / 3][i % 3]) - f64::from(v[i / 3][i % 3]);
-                    let base = area(bent, &camera, &v, DVec3::ZERO, 0.0);
-                    base + (area(bent, &camera, &w, DVec3::ZERO, 0.0) - base) * t / exact
-                }));
-                found.push(g[0][i]);
-            }
-            for (axis, found_here) in DVec3::AXES.into_iter().zip(&g[1]) {
-                expected.push(moved(&|t| area(bent, &camera, &v, axis * t, 0.0)));
-                found.push(*found_here);
-            }
-            // Tilting: up and forward turn about right.
-            expected.push(moved(&|t| area(bent, &camera, &v, DVec3::ZERO, t)));
-            let r = camera.frame[0];
-            let turned = [Vec3::ZERO, r.cross(camera.frame[1]), r.cross(camera.frame[2])];
-            let rows = turned.iter().flat_map(|v| v.to_array());
-            found.push(g[2].iter().zip(rows).map(|(g, t)| g * f64::from(t)).sum());
-
-            if camera.supports_distortion() {
-                for (i, found_here) in g[3].iter().enumerate() {
-                    let with = |t: f64| {
-                        let mut bent = bent;
-                        bent[i] += t;
-                        area(bent, &camera, &v, DVec3::ZERO, 0.0)
-                    };
-                    expected.push(moved(&with));
-                    found.push(*found_here);
-                }
-            }
-
+            let (expected, found) = by_differences(&camera, &v, &g);
             // What is not much smaller than the largest is measured by itself; a tilt less closely, for it nearly cancels.
             let largest = expected.iter().fold(0.0f64, |m, e| m.max(e.abs()));
             let mut worst = [0.0f64; 2];

@@ -241,6 +241,33 @@ enum View {
     Lantern,
 }
 
+/// A sheet of facets that goes up and down.
+fn faceted() -> Mesh {
+    let height = |x: f32, z: f32| 0.07 * (4.0 * x + 1.0).sin() * (3.0 * z).cos();
+    let mut mesh = dscene::mesh::shapes::rectangle(1.4, 1.4).unwrap();
+    let count = 6;
+    mesh.vertices.clear();
+    mesh.faces.clear();
+    (mesh.uvs, mesh.normals) = (None, None);
+    let place = |i: u32| 1.4 * (i as f32 / count as f32 - 0.5);
+    for (i, j) in (0..=count).flat_map(|j| (0..=count).map(move |i| (i, j))) {
+        let (x, z) = (place(i), place(j));
+        mesh.vertices.push(vec3(x, height(x, z), z));
+    }
+    for (i, j) in (0..count).flat_map(|j| (0..count).map(move |i| (i, j))) {
+        let v = |i: u32, j: u32| j * (count + 1) + i;
+        mesh.faces.push([v(i, j), v(i, j + 1), v(i + 1, j + 1)]);
+        mesh.faces.push([v(i, j), v(i + 1, j + 1), v(i + 1, j)]);
+    }
+    mesh
+}
+
+/// A map of how bright a lamp is in each direction.
+fn profile(change: f32) -> texture::Texture {
+    let data = (0..9 * 5).map(|i| 1.0 + 0.8 * (1.7 * i as f32).sin() + change * (i % 4) as f32);
+    texture::Texture::new(9, 5, 1, data.collect(), texture::Wrap::Repeat, texture::Filter::Bilinear).unwrap()
+}
+
 #[derive(Clone, Copy, Debug)]
 struct Row {
     view: View,
@@ -284,17 +311,7 @@ impl Row {
                     point(&mut b, lamp, Vec3::splat(9.0));
                     plain
                 } else if matches!(self.view, View::Profile | View::ProfiledSpot) {
-                    let data =
-                        (0..9 * 5).map(|i| 1.0 + 0.8 * (1.7 * i as f32).sin() + shift(Moves::Beam) * (i % 4) as f32);
-                    let map = texture::Texture::new(
-                        9,
-                        5,
-                        1,
-                        data.collect(),
-                        texture::Wrap::Repeat,
-                        texture::Filter::Bilinear,
-                    );
-                    b.description.textures.push(map.unwrap());
+                    b.description.textures.push(profile(shift(Moves::Beam)));
                     let texels = b.description.textures.len() - 1;
                     let rotation = Mat3::from_rotation_z(0.4 + shift(Moves::Aim)) * Mat3::from_rotation_x(0.7);
                     let profile = SphericalMap { texels, rotation };
@@ -331,24 +348,8 @@ impl Row {
                 plain
             }
             View::Facets => {
-                let height = |x: f32, z: f32| 0.07 * (4.0 * x + 1.0).sin() * (3.0 * z).cos();
-                let mut mesh = dscene::mesh::shapes::rectangle(1.4, 1.4).unwrap();
-                let count = 6;
-                mesh.vertices.clear();
-                mesh.faces.clear();
-                (mesh.uvs, mesh.normals) = (None, None);
-                let place = |i: u32| 1.4 * (i as f32 / count as f32 - 0.5);
-                for (i, j) in (0..=count).flat_map(|j| (0..=count).map(move |i| (i, j))) {
-                    let (x, z) = (place(i), place(j));
-                    mesh.vertices.push(vec3(x, height(x, z), z));
-                }
-                for (i, j) in (0..count).flat_map(|j| (0..count).map(move |i| (i, j))) {
-                    let v = |i: u32, j: u32| j * (count + 1) + i;
-                    mesh.faces.push([v(i, j), v(i, j + 1), v(i + 1, j + 1)]);
-                    mesh.faces.push([v(i, j), v(i + 1, j + 1), v(i + 1, j)]);
-                }
                 // Its lower side is flat.
-                glass(&mut b, body(mesh, vec3(0.45, 1.6, 0.0)), index, None);
+                glass(&mut b, body(faceted(), vec3(0.45, 1.6, 0.0)), index, None);
                 let mut below = floor(Vec3::ZERO, 0.7);
                 below.faces.iter_mut().for_each(|face| face.reverse());
                 glass(&mut b, body(below, vec3(0.45, 1.3, 0.0)), index, None);

@@ -342,19 +342,6 @@ impl Generator<'_, '_> {
                 self.names.pop();
                 E::Form(vec!["[", " for ", " in ", "][0]"], vec![free(e), free(atom(item)), free(atom(items))])
             }
-            7 => {
-                // Through a list of values of this type.
-                let (a, b) = (self.expr(t, depth), self.expr(t, depth));
-                if matches!(t, T::Tuple(_) | T::Fn(..)) {
-                    return a;
-                }
-                let item = self.name("i");
-                let last = atom(format!("{item} in ["));
-                self.names.push((item.clone(), t.clone()));
-                let e = self.expr(t, depth);
-                self.names.pop();
-                E::Form(vec!["[", " for ", "", ", ", "]][1]"], vec![free(e), free(last), free(a), free(b)])
-            }
             8 => {
                 // Through a function of which nothing is written.
                 let (e, name) = (self.expr(t, depth), self.name("q"));
@@ -369,6 +356,39 @@ impl Generator<'_, '_> {
                     vec![Place { e: f, wrong: &["1", "\"a\"", "eye"] }, free(arg)],
                 )
             }
+            11 => {
+                let (c, a, b) = (self.at(&T::Bool, depth), self.expr(t, depth), self.expr(t, depth));
+                let c = Place { wrong: &["\"a\"", "30deg", "eye"], ..c };
+                self.form(&["where(", ", ", ", ", ")"], vec![c, free(a), free(b)])
+            }
+            13 => {
+                // A field of a record.
+                let other = self.any_type(0);
+                let (e, other) = (self.expr(t, depth), self.expr(&other, depth));
+                let name = Place { e: atom("glow"), wrong: &["glwo", "x", "vertices"] };
+                self.form(&["{ glow: ", ", first: ", " }.", ""], vec![free(e), free(other), name])
+            }
+            way @ (7 | 10 | 12 | 14) => self.listed(way, t, depth),
+            _ => self.special(t, depth).unwrap_or_else(|| self.leaf(t)),
+        }
+    }
+
+    /// Ways through lists and records of several values of a type.
+    fn listed(&mut self, way: usize, t: &T, depth: usize) -> E {
+        match way {
+            7 => {
+                // Through a list of values of this type.
+                let (a, b) = (self.expr(t, depth), self.expr(t, depth));
+                if matches!(t, T::Tuple(_) | T::Fn(..)) {
+                    return a;
+                }
+                let item = self.name("i");
+                let last = atom(format!("{item} in ["));
+                self.names.push((item.clone(), t.clone()));
+                let e = self.expr(t, depth);
+                self.names.pop();
+                E::Form(vec!["[", " for ", "", ", ", "]][1]"], vec![free(e), free(last), free(a), free(b)])
+            }
             10 => {
                 let (a, b, c) = (self.expr(t, depth), self.expr(t, depth), self.any_type(0));
                 let (c, d) = (self.expr(&c, depth), self.expr(&c, depth));
@@ -376,11 +396,6 @@ impl Generator<'_, '_> {
                     return a;
                 }
                 self.form(&["zip([", ", ", "], [", ", ", "])[1][0]"], [a, b, c, d].map(free).into())
-            }
-            11 => {
-                let (c, a, b) = (self.at(&T::Bool, depth), self.expr(t, depth), self.expr(t, depth));
-                let c = Place { wrong: &["\"a\"", "30deg", "eye"], ..c };
-                self.form(&["where(", ", ", ", ", ")"], vec![c, free(a), free(b)])
             }
             12 => {
                 let (a, b) = (self.expr(t, depth), self.expr(t, depth));
@@ -390,14 +405,7 @@ impl Generator<'_, '_> {
                 let (before, after) = *self.pick(&[("concat([", "])[1]"), ("minibatch(concat([", "]), 1)[0]")]);
                 self.form(&[before, "], [", after], vec![free(a), free(b)])
             }
-            13 => {
-                // A field of a record.
-                let other = self.any_type(0);
-                let (e, other) = (self.expr(t, depth), self.expr(&other, depth));
-                let name = Place { e: atom("glow"), wrong: &["glwo", "x", "vertices"] };
-                self.form(&["{ glow: ", ", first: ", " }.", ""], vec![free(e), free(other), name])
-            }
-            14 => {
+            _ => {
                 // A field of each of several records.
                 let (a, b) = (self.expr(t, depth), self.expr(t, depth));
                 if matches!(t, T::Tuple(_) | T::Fn(..)) {
@@ -409,7 +417,6 @@ impl Generator<'_, '_> {
                 let texts = &["[", ".", " for ", " in [{ first: ", " }, { first: ", " }]][1]"];
                 self.form(texts, vec![item(), name, item(), free(a), free(b)])
             }
-            _ => self.special(t, depth).unwrap_or_else(|| self.leaf(t)),
         }
     }
 

@@ -148,8 +148,20 @@ impl Generator<'_, '_> {
     }
 
     pub(super) fn scalar(&mut self, depth: usize) -> E {
-        const TEXTS: &[&str] = &["\"a\"", "true", "sphere()", "eye"];
         match self.tape.below(54) {
+            way @ ..15 => self.scalar_by_operators(way, depth),
+            way @ 15..31 => self.scalar_of_many(way, depth),
+            way => self.scalar_of_things(way, depth),
+        }
+    }
+
+    fn total_variation(&mut self, depth: usize) -> E {
+        self.call("total_variation", &[T::Image([3, 4, 3])], depth)
+    }
+
+    /// Of operators and of few numbers.
+    fn scalar_by_operators(&mut self, way: usize, depth: usize) -> E {
+        match way {
             0 => self.both(" + ", &SCALAR, &SCALAR, depth),
             1 => self.both(" - ", &SCALAR, &SCALAR, depth),
             2 => self.both(" * ", &SCALAR, &SCALAR, depth).loosely(),
@@ -197,6 +209,13 @@ impl Generator<'_, '_> {
                 let f = *self.pick(&["min", "max"]);
                 self.pair(f, &SCALAR, NUMBERS_AND_ANGLES, depth).any_left_out(1)
             }
+            _ => self.total_variation(depth),
+        }
+    }
+
+    /// Of many numbers, of derivatives and of lists.
+    fn scalar_of_many(&mut self, way: usize, depth: usize) -> E {
+        match way {
             15 => {
                 let args = (0..3).map(|_| Argument {
                     name: None,
@@ -273,6 +292,13 @@ impl Generator<'_, '_> {
                 let m = self.expr(&T::Num(vec![2, 3]), depth);
                 self.form(&["", "[1][2]"], vec![Place { e: m, wrong: &["1", "true", "30deg", "[1, 2]"] }])
             }
+            _ => self.total_variation(depth),
+        }
+    }
+
+    /// Of images and scenes, and what is known late.
+    fn scalar_of_things(&mut self, way: usize, depth: usize) -> E {
+        match way {
             31 => self.call("pyramid_loss", &[T::Image([3, 4, 3]), T::Image([3, 4, 3])], depth).open_ended(),
             32 => {
                 let x = self.expr(&SCALAR, depth);
@@ -335,7 +361,7 @@ impl Generator<'_, '_> {
                 self.form(&[before, "))"], vec![Place { e, wrong: &["1", "[1, 2]", "img", "true"] }])
             }
             52 => self.form_of("mean(cos(1rad * ", T::Image([3, 4, 3]), "))", depth).loosely(),
-            _ => self.call("total_variation", &[T::Image([3, 4, 3])], depth),
+            _ => self.total_variation(depth),
         }
     }
 
@@ -457,6 +483,9 @@ impl E {
         self
     }
 }
+
+/// What is no number.
+const TEXTS: &[&str] = &["\"a\"", "true", "sphere()", "eye"];
 
 const NUMBERS_AND_ANGLES: &[&str] = &["30deg", "\"a\"", "true", "sphere()"];
 
