@@ -4,6 +4,8 @@
 //! Nothing is reserved and nothing needs to be returned: the memory in use is what the operating system reports for the process. There is
 //! one limit for the whole process ([`set_limit`], `--memory` on the command line); the default is half of the machine's memory.
 
+#![deny(missing_docs)]
+
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -33,6 +35,7 @@ pub struct Shortage {
     pub needed: u64,
     /// Bytes in use by the process at that time.
     pub held: u64,
+    /// Bytes that the process may use in all.
     pub limit: u64,
 }
 

@@ -3,6 +3,8 @@
 //! Work says what it is and how many parts it has ([`begin`]), and that parts are done ([`step`]). There is one account for the whole
 //! process, as there is one person who looks; work within other work is what is shown until it ends. Nothing else depends on it.
 
+#![deny(missing_docs)]
+
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
@@ -32,10 +34,13 @@ pub struct Work(u64);
 /// What is worked on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Now {
+    /// Such as `rendering`.
     pub name: String,
+    /// How many of its parts are done.
     pub done: u64,
     /// 0 if it is not known.
     pub total: u64,
+    /// When it was announced.
     pub begun: Instant,
 }
 

@@ -1,5 +1,7 @@
 //! Source files, spans of bytes in them, and the way from an offset to a line and a column.
 
+#![deny(missing_docs)]
+
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
@@ -13,12 +15,16 @@ pub struct SourceId(pub u32);
 /// A range of bytes `start..end` of one source.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Span {
+    /// The file.
     pub source: SourceId,
+    /// The first byte.
     pub start: u32,
+    /// The byte behind the last one.
     pub end: u32,
 }
 
 impl Span {
+    /// The bytes `start..end`; none if `end` is before `start`.
     pub fn new(source: SourceId, start: usize, end: usize) -> Span {
         Span { source, start: clamp_u32(start), end: clamp_u32(end.max(start)) }
     }
@@ -54,7 +60,9 @@ fn clamp_u32(n: usize) -> u32 {
 /// A position for people: both count from 1, columns in characters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Position {
+    /// The line, from 1.
     pub line: usize,
+    /// The character of the line, from 1.
     pub column: usize,
 }
 
@@ -91,6 +99,7 @@ pub struct SourceFile {
     pub name: String,
     /// Where it lies on disk, if it does: relative paths in it start from this file's folder.
     pub path: Option<PathBuf>,
+    /// All of it, as it is spelt.
     pub text: String,
     line_starts: Vec<u32>,
     /// See [`Place::file`].
@@ -156,6 +165,7 @@ pub struct SourceMap {
 }
 
 impl SourceMap {
+    /// One without a text.
     pub fn new() -> SourceMap {
         SourceMap::default()
     }
@@ -206,14 +216,17 @@ impl SourceMap {
         }
     }
 
+    /// A text; `None` for the index of another map.
     pub fn get(&self, id: SourceId) -> Option<&Arc<SourceFile>> {
         self.files.get(id.0 as usize)
     }
 
+    /// All texts with their indices, in the order in which they were added.
     pub fn iter(&self) -> impl Iterator<Item = (SourceId, &Arc<SourceFile>)> {
         self.files.iter().enumerate().map(|(i, f)| (SourceId(clamp_u32(i)), f))
     }
 
+    /// The name under which a text is shown; `<unknown>` for the index of another map.
     pub fn name(&self, id: SourceId) -> &str {
         self.get(id).map_or("<unknown>", |f| &f.name)
     }

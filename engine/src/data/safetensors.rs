@@ -42,7 +42,9 @@ struct Entry {
 /// An array in single precision, as weights of networks are used.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Array {
+    /// Lengths of its axes, the outermost first.
     pub shape: Vec<usize>,
+    /// Row by row: as many numbers as the product of the shape.
     pub data: Vec<f32>,
 }
 

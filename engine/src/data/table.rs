@@ -12,9 +12,12 @@ pub enum Table {
     Columns(Vec<(String, Column)>),
 }
 
+/// The cells of a column beneath its name, one for each row.
 #[derive(Debug, PartialEq)]
 pub enum Column {
+    /// All are numbers; empty ones are NaN.
     Numbers(Vec<f64>),
+    /// Some are not.
     Words(Vec<String>),
 }
 

@@ -9,6 +9,7 @@ pub struct Scale {
     high: f64,
 }
 
+/// A mark on an axis.
 pub struct Tick {
     /// From 0 to 1 along the axis.
     pub at: f64,

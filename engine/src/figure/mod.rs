@@ -1,6 +1,8 @@
 //! Figures: curves over two axes, as SVG and as pixels. `layout` makes marks of a figure (lines, areas, dots, words), which `svg` writes
 //! and `raster` draws; there words are made of strokes (`letters`), since no font comes with the program.
 
+#![deny(missing_docs)]
+
 mod axis;
 mod layout;
 mod letters;
@@ -14,13 +16,17 @@ use serde::{Deserialize, Serialize};
 pub struct Figure {
     /// Above all else; may be empty.
     pub title: String,
+    /// From left to right.
     pub x: Axis,
+    /// From below to above.
     pub y: Axis,
+    /// In the order of their colours.
     pub curves: Vec<Curve>,
     /// Width and height in pixels of the SVG; those of the PNG are twice as many.
     pub size: [f64; 2],
 }
 
+/// An axis, whose range follows from what is drawn.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Axis {
     /// What it shows, and in which unit; may be empty.
@@ -29,16 +35,21 @@ pub struct Axis {
     pub log: bool,
 }
 
+/// A curve, with a name beside others.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Curve {
+    /// In the key; may be empty.
     pub name: String,
+    /// In the order in which they are joined.
     pub points: Vec<Point>,
 }
 
 /// A point of a curve. Where a coordinate is not finite, or has no logarithm on a logarithmic axis, the curve has a gap.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Point {
+    /// Along the axis from left to right, in its unit.
     pub x: f64,
+    /// Along the axis from below to above, in its unit.
     pub y: f64,
     /// How far the band around the curve reaches up and down; NaN where there is none.
     pub error: f64,
