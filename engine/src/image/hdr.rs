@@ -160,18 +160,41 @@ fn from_xyz([x, y, z]: [f32; 3]) -> [f32; 3] {
     ]
 }
 
-/// The Radiance HDR file of an image; alpha is dropped, grey becomes a colour.
+/// What is brighter is this bright in a file, whose exponents have eight bits: they end at 2¹²⁷.
+const BRIGHTEST: f32 = 1.6e38;
+
+/// The Radiance HDR file of an image; alpha is dropped, grey becomes a colour. What is negative or no number becomes black.
 pub(super) fn encode(image: &Image) -> Result<Vec<u8>, ImageError> {
     image.check()?;
     if !matches!(image.channels, 1 | 3 | 4) {
         let n = image.channels;
         return Err(ImageError::Argument(format!("an HDR file holds colours, not {n} channels; save as .exr instead")));
     }
-    let at = |pixel: &[f32], c: usize| pixel[if pixel.len() == 1 { 0 } else { c }].max(0.0);
+    let at = |pixel: &[f32], c: usize| match pixel[if pixel.len() == 1 { 0 } else { c }] {
+        // An exponent below those of the file would come out as a large one.
+        x if x >= f32::MIN_POSITIVE => x.min(BRIGHTEST),
+        _ => 0.0,
+    };
     let pixels: Vec<image::Rgb<f32>> =
         image.data.chunks_exact(image.channels).map(|p| image::Rgb([at(p, 0), at(p, 1), at(p, 2)])).collect();
     let mut bytes = Vec::new();
     let written = HdrEncoder::new(&mut bytes).encode(&pixels, image.width, image.height);
     written.map_err(|e| ImageError::Argument(format!("the HDR file cannot be made: {e}")))?;
     Ok(bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_file_cannot_hold_is_black_or_as_bright_as_can_be() {
+        let data = vec![f32::INFINITY, f32::MAX, 1e-40, -1.0, f32::NAN, 0.5];
+        let image = Image { width: 6, height: 1, channels: 1, data };
+        let found = decode(&encode(&image).unwrap()).unwrap().image;
+        let red: Vec<f32> = found.data.chunks_exact(3).map(|pixel| pixel[0]).collect();
+        assert!(red[..2].iter().all(|x| (1.59e38..1.61e38).contains(x)), "{red:?}");
+        assert_eq!(red[2..5], [0.0; 3]);
+        assert!((red[5] - 0.5).abs() < 0.01, "{red:?}");
+    }
 }
