@@ -205,7 +205,7 @@ fn numbers_of_gltf_beyond_their_range_are_told() {
             "baseColorFactor of “m” ([2, 0.5, 1, 1], taken as [1, 0.5, 1, 1])",
         ),
         (json!({"name": "m", "alphaMode": "MASK", "alphaCutoff": -1}), "alphaCutoff of “m” (-1, taken as 0)"),
-        (json!({"name": "m", "emissiveFactor": [0, -2, 0]}), "emissiveFactor of “m” ([0, -2, 0], taken as [0, 0, 0])"),
+        (json!({"name": "m", "emissiveFactor": [0, -2, 0]}), "emissiveFactor of “m” ([0, -2, 0], taken as 0)"),
         (
             extension("KHR_materials_emissive_strength", json!({"emissiveStrength": -3})),
             "emissiveStrength of “m” (-3, taken as 0)",
