@@ -227,7 +227,7 @@ fn numbers_of_gltf_beyond_their_range_are_told() {
         (glass(json!({"thicknessFactor": -1}), 1.5), "thicknessFactor of “m” (-1, taken as 0)"),
         (
             glass(json!({"thicknessFactor": 1, "attenuationDistance": 1, "attenuationColor": [2, 1, 1]}), 1.5),
-            "attenuationColor of “m” ([2, 1, 1], taken as [1, 1, 1])",
+            "attenuationColor of “m” ([2, 1, 1], taken as 1)",
         ),
     ] {
         let mut file = Builder::new();
