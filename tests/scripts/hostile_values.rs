@@ -159,3 +159,21 @@ fn the_scripts_themselves_are_right() {
         }
     }
 }
+
+/// A size that is whole is told to be too large, not that it should be whole.
+#[test]
+fn sizes_beyond_the_limit_are_told_as_such() {
+    for (shape, said) in [
+        ("[60000000]", "more than 16777216"),
+        ("[5000, 5000]", "more than"),
+        ("1e30", "more than"),
+        ("[0, 1e30]", "more than"),
+    ] {
+        let checked = check::check_text("sizes", None, format!("let a = uniform({shape})"), &[], &Disk);
+        let program = checked.program.expect("it is known when it runs");
+        let mut engine = Engine::new(program, EngineOptions::default());
+        let id = engine.program().find("a").expect("declared");
+        let told = engine.eval_decl(id).err().map(|error| error.message);
+        assert!(told.as_ref().is_some_and(|told| told.contains(said)), "{shape}: {told:?}");
+    }
+}

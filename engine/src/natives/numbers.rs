@@ -194,9 +194,11 @@ fn reshape(a: &Args) -> Result<Value> {
 /// A shape, given by one whole number or an array of them.
 fn sizes(a: &Args, index: usize) -> Result<Vec<usize>> {
     let v = a.var(index)?;
-    let whole = |x: &f64| (x.fract() == 0.0 && *x >= 0.0 && *x <= MAX_NUMBERS as f64).then_some(*x as usize);
+    let whole = |x: &f64| (x.fract() == 0.0 && *x >= 0.0).then_some(*x as usize);
     let shape: Option<Vec<usize>> = v.value().data.iter().map(whole).collect();
-    let total = |s: &[usize]| s.iter().try_fold(1i64, |n, &d| n.checked_mul(d as i64)).filter(|n| *n <= MAX_NUMBERS);
+    // No axis is longer either, of an array that has no numbers.
+    let size = |d: usize| i64::try_from(d).ok().filter(|d| *d <= MAX_NUMBERS);
+    let total = |s: &[usize]| s.iter().try_fold(1i64, |n, &d| n.checked_mul(size(d)?)).filter(|n| *n <= MAX_NUMBERS);
     match shape {
         Some(s) if total(&s).is_some() => {
             memory::ask_for::<f64>(s.iter().product())?;
