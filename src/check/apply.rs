@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::call::{Given, MAX_CALL_DEPTH, Site, plural};
+use super::call::{Given, MAX_CALL_DEPTH, Site, plural, unknown_as_error};
 use super::hir::{self, Callee, DeclId, ExprKind};
 use super::infer::{Typed, join, typed};
 use super::modules::{Checker, Instance, Signature, State};
@@ -22,18 +22,43 @@ const MOST_VALUES: u32 = 64;
 /// Most different argument types for which a function is checked within calls; for further ones the result type is unknown.
 const MOST_TYPES: u32 = 256;
 
+/// What is said of a function of the library, before the cause that lies within.
+const WITH_THESE: &str = " does not go with these arguments: ";
+
 impl Checker<'_> {
+    /// What was meant by calling what cannot be called: a function of another language, an element or a product.
+    fn instead_of_call(&self, callee: &ast::Expr, ty: &Ty, given: &[Given]) -> String {
+        let text = self.sources.text(callee.span);
+        if let (ast::ExprKind::Name(name), false) = (&callee.kind, given.is_empty())
+            && let Some(help) = self.name_in_other_languages(name, callee.span)
+        {
+            return help;
+        }
+        let [Given { name: None, value }] = given else { return format!("write `{text}` without arguments") };
+        let argument = self.sources.text(value.span);
+        let is_number = matches!(value.kind, ast::ExprKind::Number(_));
+        match callee.kind {
+            _ if is_number && super::infer::item_of(ty).is_some() => {
+                format!("an element is written `{text}[{argument}]`")
+            }
+            ast::ExprKind::Number(_) if is_number => format!("write `{text} * {argument}`"),
+            ast::ExprKind::Number(_) => format!("write `{text} * ({argument})`"),
+            _ => format!("write `{text}` without arguments"),
+        }
+    }
+
     pub fn call_value(&mut self, callee: &ast::Expr, given: &[Given], span: Span) -> Typed {
+        let tree = callee;
         let callee = self.expr(callee, None);
         let (params, result) = match &callee.expr.ty {
             Ty::Fn(params, result) => (Some(params.clone()), (**result).clone()),
             ty if ty.is_unknown() => (None, ty.clone()),
             ty => {
-                let text = self.sources.text(callee.expr.span);
+                let help = self.instead_of_call(tree, ty, given);
                 self.diagnostics.push(
                     Diagnostic::error("dscene::call::not_a_function", format!("{} cannot be called", ty.a()))
                         .label(callee.expr.span, format!("this is `{ty}`"))
-                        .help(format!("write `{text}` without arguments")),
+                        .help(help),
                 );
                 return self.after_error(given, span);
             }
@@ -287,16 +312,31 @@ impl Checker<'_> {
         }
         match self.slot(id).hir.kind {
             hir::DeclKind::Native(_) => self.native_result(id, &signature, &mut found, &bound, site),
-            _ => {
-                self.check_domains(&signature, &found, site);
-                self.check_lengths(&signature, &found, site);
-                self.instance(id, &signature, &found, span, site)
-            }
+            _ => self.checked_instance(id, &signature, &found, span, site),
         }
     }
 
+    /// A function's body for these arguments, unless they do not go together: what that does in the body is the same mistake.
+    pub fn checked_instance(
+        &mut self,
+        id: DeclId,
+        signature: &Signature,
+        found: &[Option<Typed>],
+        span: Span,
+        site: Site,
+    ) -> (Ty, Option<Const>) {
+        let errors = self.error_count();
+        self.check_domains(signature, found, site);
+        self.check_lengths(signature, found, site);
+        self.check_sizes(id, signature, found, site);
+        if self.error_count() > errors {
+            return (signature.result.as_ref().map_or(Ty::Error, |r| unknown_as_error(r.ty())), None);
+        }
+        self.instance(id, signature, found, span, site)
+    }
+
     /// Checks a function's body for these argument types. Errors in it are reported with the call that leads to them.
-    pub fn instance(
+    fn instance(
         &mut self,
         id: DeclId,
         signature: &Signature,
@@ -388,19 +428,23 @@ impl Checker<'_> {
         self.nested -= 1;
         self.locals = locals;
         let inner = std::mem::replace(&mut self.diagnostics, outer);
-        for diagnostic in inner.iter().filter(|d| d.is_error()) {
+        // What the arguments of a function of the library do inside of it is one mistake.
+        let most = if user { usize::MAX } else { 1 };
+        for diagnostic in inner.iter().filter(|d| d.is_error()).take(most) {
             if self.diagnostics.has(diagnostic) {
                 continue;
             }
             let mut shown = diagnostic.clone();
             if user {
                 shown.labels.push(Label { span, text: format!("in this call of `{name}`") });
-            } else {
-                // Errors inside of the standard library are not shown to the user.
-                shown.message = format!("`{name}` does not go with these arguments: {}", shown.message);
-                shown.labels.retain(|l| self.modules[self.module].user && l.span.source == span.source);
-                shown.labels.insert(0, Label { span, text: "in this call".to_owned() });
+                self.diagnostics.push_cause(shown, "again here");
+                continue;
             }
+            // Errors inside of the standard library are not shown to the user, nor which functions of it led there.
+            let cause = shown.message.rsplit_once(WITH_THESE).map_or(shown.message.as_str(), |(_, cause)| cause);
+            shown.message = format!("`{name}`{WITH_THESE}{cause}");
+            shown.labels.retain(|l| self.modules[self.module].user && l.span.source == span.source);
+            shown.labels.insert(0, Label { span, text: "in this call".to_owned() });
             self.diagnostics.push(shown);
         }
         self.instances.insert(key, Instance { ty: ty.clone(), value: value.clone() });

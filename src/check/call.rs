@@ -7,14 +7,17 @@ use super::hir::{self, Callee, DeclId, DerivativeKind, ExprKind};
 use super::infer::{Typed, typed};
 use super::modules::{Checker, SigParam, Signature, State};
 use super::results;
-use super::signature::{Const, Sig, fits};
+use super::signature::{Const, Sig, any_image, fits};
 use super::types::Ty;
-use crate::diag::Diagnostic;
+use crate::diag::{Diagnostic, Label};
 use crate::source::Span;
 use crate::syntax::ast::{self, StatementKind};
 
 /// Most nested calls of functions.
 pub const MAX_CALL_DEPTH: usize = 48;
+
+/// Names of parameters that are compared pixel by pixel.
+const COMPARED: [(&str, &str); 3] = [("a", "b"), ("image", "reference"), ("x", "guide")];
 
 /// Words for messages about the callee: a function with arguments, or a kind with fields.
 #[derive(Clone, Copy)]
@@ -101,7 +104,7 @@ impl Checker<'_> {
 
     /// The function that a name before `(` means. A user's value shadows a function of the library only if it can be called itself: `let
     /// depth = depth(eye)` is allowed.
-    fn called(&self, name: &str) -> Option<DeclId> {
+    pub fn called(&self, name: &str) -> Option<DeclId> {
         let is_function = |id: &DeclId| matches!(self.slot(*id).statement.kind, StatementKind::Fn(_));
         let library = || self.builtin(name).filter(is_function);
         if let Some(local) = self.locals.iter().rev().find(|l| l.name == name) {
@@ -110,15 +113,15 @@ impl Checker<'_> {
         }
         let id = self.lookup(name)?;
         let plain_value = match &self.slot(id).statement.kind {
-            StatementKind::Let { value, .. } => {
-                matches!(
-                    value.kind,
-                    ast::ExprKind::Call { .. }
-                        | ast::ExprKind::Array(_)
-                        | ast::ExprKind::Number(_)
-                        | ast::ExprKind::With { .. }
-                )
-            }
+            StatementKind::Let { value, .. } => !matches!(
+                value.kind,
+                ast::ExprKind::Lambda { .. }
+                    | ast::ExprKind::Name(_)
+                    | ast::ExprKind::Member { .. }
+                    | ast::ExprKind::Index { .. }
+                    | ast::ExprKind::If { .. }
+                    | ast::ExprKind::Block { .. }
+            ),
             StatementKind::Fn(_) => false,
             _ => true,
         };
@@ -191,9 +194,7 @@ impl Checker<'_> {
         } else if native {
             self.native_result(id, &signature, &mut found, &bound, site)
         } else {
-            self.check_domains(&signature, &found, site);
-            self.check_lengths(&signature, &found, site);
-            self.instance(id, &signature, &found, span, site)
+            self.checked_instance(id, &signature, &found, span, site)
         };
         let mut args = Vec::new();
         for (i, arg) in found.into_iter().enumerate() {
@@ -293,36 +294,85 @@ impl Checker<'_> {
             return;
         }
         let (first, known) = (*first, known.clone());
-        let (a, b) = (image_sizes(&known), image_sizes(ty));
-        let mut diagnostic = match (&a, &b) {
-            (Some(a), Some(b)) if a != b => Diagnostic::error(
-                "dscene::type::shape",
-                format!("`{}` compares images of different sizes: {a} and {b}", site.name),
-            ),
-            _ => Diagnostic::error(
-                "dscene::type::shape",
-                format!("`{}` does not go with `{known}` and `{ty}`", site.name),
-            ),
-        };
-        let shown =
-            |size: Option<&String>, ty: &Ty| size.map_or_else(|| format!("this is `{ty}`"), |s| format!("this is {s}"));
-        diagnostic = diagnostic.label(arg.expr.span, shown(b.as_ref(), ty));
-        if let Some(Some(first)) = found.get(first) {
-            diagnostic = diagnostic.label(first.expr.span, shown(a.as_ref(), &known));
+        let Some(Some(first)) = found.get(first) else { return };
+        if !self.report_sizes(first, arg, site) && !self.report_units(first, arg, site) {
+            self.diagnostics.push(
+                Diagnostic::error(
+                    "dscene::type::shape",
+                    format!("`{}` does not go with `{known}` and `{ty}`", site.name),
+                )
+                .label(arg.expr.span, format!("this is `{ty}`"))
+                .label(first.expr.span, format!("this is `{known}`"))
+                .help("both must have the same shape"),
+            );
         }
-        for ty in [&known, ty] {
+    }
+
+    /// Images that a function compares pixel by pixel, if they have different sizes; whether that is so.
+    fn report_sizes(&mut self, first: &Typed, second: &Typed, site: Site) -> bool {
+        let (Some(a), Some(b)) = (image_sizes(&first.expr.ty), image_sizes(&second.expr.ty)) else { return false };
+        if a == b {
+            return false;
+        }
+        let message = format!("`{}` compares images of different sizes: {a} and {b}", site.name);
+        let mut told = Diagnostic::error("dscene::type::shape", message)
+            .label(second.expr.span, format!("this is {b}"))
+            .label(first.expr.span, format!("this is {a}"));
+        for (ty, size) in [(&first.expr.ty, a), (&second.expr.ty, b)] {
             if let Ty::Image { made, .. } = ty
-                && let (Some(made), Some(size)) = (made.0, image_sizes(ty))
+                && let Some(made) = made.0
             {
-                diagnostic = diagnostic.label(made, format!("{size} comes from here"));
+                told = told.label(made, format!("{size} comes from here"));
             }
         }
-        let help = if a.is_some() && b.is_some() {
-            "render both with the same `film:`, or use `resize(…)`"
-        } else {
-            "both must have the same shape"
+        self.diagnostics.push(told.help("render both with the same `film:`, or use `resize(…)`"));
+        true
+    }
+
+    /// An angle beside a number, where both must be one or the other; whether that was it.
+    fn report_units(&mut self, first: &Typed, second: &Typed, site: Site) -> bool {
+        let (number, angle) = match [first, second].map(|arg| arg.expr.ty.without_unit()) {
+            [Some((_, true)), Some((_, false))] => (second, first),
+            [Some((_, false)), Some((_, true))] => (first, second),
+            _ => return false,
         };
-        self.diagnostics.push(diagnostic.help(help));
+        let told =
+            Diagnostic::error("dscene::type::unit", format!("`{}` takes angles or numbers, not both", site.name))
+                .label(number.expr.span, format!("this is `{}`", number.expr.ty))
+                .label(angle.expr.span, format!("this is `{}`", angle.expr.ty))
+                .help_opt(self.conversion_help(&Sig::Angles, number, number.expr.span));
+        if self.diagnostics.has(&told) {
+            return true;
+        }
+        // Several numbers beside one angle are one mistake.
+        let is_same = |last: &&mut Diagnostic| last.labels.get(1) == told.labels.get(1) && last.message == told.message;
+        let Some(last) = self.diagnostics.last_mut().filter(is_same) else {
+            self.diagnostics.push(told);
+            return true;
+        };
+        let all = last.labels[0].span.to(number.expr.span);
+        let texts: Vec<&str> = self.sources.text(all).split(", ").collect();
+        if texts.iter().all(|text| text.parse::<f64>().is_ok()) {
+            last.labels[0] = Label { span: all, text: "these are numbers".to_owned() };
+            last.helps = vec![format!("write `{}deg`", texts.join("deg, "))];
+        }
+        true
+    }
+
+    /// Images that a function of the library compares by name, which its body would find out late or not at all.
+    pub fn check_sizes(&mut self, id: DeclId, signature: &Signature, found: &[Option<Typed>], site: Site) {
+        if self.is_user(id) {
+            return;
+        }
+        let image = |name: &str| {
+            let at = signature.params.iter().position(|p| p.name == name && p.sig == Sig::Is(any_image()))?;
+            found.get(at)?.as_ref()
+        };
+        for (a, b) in COMPARED {
+            if let (Some(a), Some(b)) = (image(a), image(b)) {
+                self.report_sizes(a, b, site);
+            }
+        }
     }
 
     /// The type of what a native gives for arguments of fitting types, and its value, if that is known. Values that it does not take are told.
@@ -338,6 +388,7 @@ impl Checker<'_> {
         self.check_native(id, found);
         self.check_domains(signature, found, site);
         self.check_lengths(signature, found, site);
+        self.check_sizes(id, signature, found, site);
         let name = self.slot(id).name.text.as_str();
         let args = Arguments::new(signature, found);
         let (ty, value) = (results::native(name, args, bound), results::known(name, args));
@@ -377,7 +428,7 @@ fn next_unnamed(params: &[SigParam], given: &[Given], taken: &[Option<usize>]) -
     (0..params.len()).find(|&s| taken[s].is_none() && !is_named(&params[s]))
 }
 
-fn unknown_as_error(ty: Ty) -> Ty {
+pub fn unknown_as_error(ty: Ty) -> Ty {
     if ty.is_unknown() { Ty::Error } else { ty }
 }
 

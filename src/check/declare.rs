@@ -100,6 +100,7 @@ impl Checker<'_> {
                 None => {
                     // `list[int]`
                     let item = atom.len_names.iter().flatten().next().map_or("scalar", |n| n.text.as_str());
+                    let item = crate::diag::advice::type_name(item).unwrap_or(item);
                     let array = crate::diag::advice::is_array_type(name)
                         .then(|| format!("an array type is written `{item}[]`"));
                     let foreign = crate::diag::advice::type_name(name).map(|t| format!("did you mean `{t}`?"));
@@ -171,7 +172,7 @@ impl Checker<'_> {
     }
 
     fn loss(&mut self, id: DeclId, name: &ast::Name, value: &ast::Expr) {
-        let typed = self.expr(value, None);
+        let mut typed = self.expr(value, None);
         let ty = &typed.expr.ty;
         if !ty.is_unknown() && !ty.is_scalar() {
             let help = match ty {
@@ -186,6 +187,8 @@ impl Checker<'_> {
                     .label(value.span, format!("this is `{ty}`"))
                     .help(help),
             );
+            // Who optimises it makes no other mistake.
+            typed.expr.ty = Ty::Error;
         }
         self.set_value(id, DeclKind::Loss, typed);
     }

@@ -191,17 +191,27 @@ impl Checker<'_> {
         .is_some();
         let renamed = advice::function(&name.text).filter(|_| !is_row).unwrap_or(&name.text);
         let function = self
-            .lookup(renamed)
+            .called(renamed)
             .filter(|id| matches!(self.slot(*id).statement.kind, ast::StatementKind::Fn(_)))
-            .and_then(|id| self.signature(id));
-        let is_function =
-            function.and_then(|f| f.params.first().map(|p| p.sig.accepts(&base.expr.ty, None))).unwrap_or(false);
+            .and_then(|id| self.signature(id))
+            .filter(|f| f.params.first().is_some_and(|p| p.sig.accepts(&base.expr.ty, None)));
         let text = self.sources.text(base.expr.span);
         let short = if text.len() <= 40 && !text.contains('\n') { text } else { "…" };
         let source = &self.sources.get(name.span.source)?.text;
         let arguments =
             crate::syntax::snippet::arguments(source, name.span.end as usize).map(|(a, _)| a).unwrap_or_default();
-        if is_function {
+        if let Some(function) = function {
+            let around = Around { arguments: vec![short], ..Around::default() };
+            let instead = advice::instead(renamed, &base.expr.ty.to_string(), &around);
+            if arguments.is_empty() && instead.is_some() {
+                return instead;
+            }
+            let needed = function.params.iter().skip(1 + arguments.len()).filter(|p| !p.has_default);
+            let missing: Vec<String> = needed.map(|p| format!("{}: …", p.name)).collect();
+            if !missing.is_empty() {
+                let all: Vec<String> = arguments.iter().map(|a| (*a).to_owned()).chain(missing).collect();
+                return Some(format!("`{renamed}` is a function: write `{short} |> {renamed}({})`", all.join(", ")));
+            }
             let typed = if arguments.is_empty() {
                 format!("{renamed}({short})")
             } else {
@@ -218,6 +228,8 @@ fn sizes(ty: &Ty, name: &str, text: &str) -> Option<String> {
     let is_size = matches!(name, "shape" | "size" | "dims" | "resolution" | "length" | "len" | "count" | "ndim");
     let text = if text.len() > 40 || text.contains('\n') { "…" } else { text };
     match ty {
+        Ty::Num(shape) if shape.as_slice() == [Some(2)] && name == "width" => Some("did you mean `x`?".to_owned()),
+        Ty::Num(shape) if shape.as_slice() == [Some(2)] && name == "height" => Some("did you mean `y`?".to_owned()),
         _ if !is_size => None,
         Ty::Image { .. } | Ty::AngleImage(_) => {
             Some(format!("an image has sizes: `{text}.width`, `{text}.height`, `{text}.channels`"))

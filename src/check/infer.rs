@@ -198,7 +198,9 @@ impl Checker<'_> {
     }
 
     fn report_unknown(&mut self, name: &str, span: Span, wanted: Option<&Sig>) {
-        if self.unread.contains(name) {
+        // What could not be read, or imported, may have declared it; letters that no name has were told.
+        let is_spelt = self.sources.text(span).is_ascii();
+        if !is_spelt || self.unread.contains(name) || self.modules[self.module].lacks_import {
             return;
         }
         let imported = self.modules[self.module].imported.clone();
@@ -246,11 +248,10 @@ impl Checker<'_> {
             Some(found) => format!("did you mean `{found}`?"),
             None => format!("declare it: `let {name} = …`"),
         };
-        self.diagnostics.push(
-            Diagnostic::error("dscene::name::unknown", format!("`{name}` is not declared"))
-                .label(span, "not found")
-                .help(help),
-        );
+        let told = Diagnostic::error("dscene::name::unknown", format!("`{name}` is not declared"))
+            .label(span, "not found")
+            .help(help);
+        self.diagnostics.push_cause(told, "nor here");
     }
 
     /// Whether a name that nothing has is a module of the library, of which what stands behind the dot is a part: `studio.floor`.

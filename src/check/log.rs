@@ -1,10 +1,13 @@
 //! The diagnostics of a check so far. Counting errors and finding out whether a diagnostic was reported already are frequent, so both are
 //! fast.
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 
-use crate::diag::Diagnostic;
-use crate::source::Span;
+use crate::diag::{Diagnostic, Label};
+use crate::source::{SourceId, Span};
+
+/// Most places that are shown of one cause that is met again and again.
+const MOST_PLACES: usize = 3;
 
 #[derive(Default)]
 pub struct DiagnosticLog {
@@ -13,12 +16,44 @@ pub struct DiagnosticLog {
     /// Codes and places of the first `indexed` diagnostics.
     places: HashSet<(&'static str, Option<Span>)>,
     indexed: usize,
+    /// Where what has one cause stands in `all`, and the places in which it was met, by file, message and helps.
+    causes: HashMap<(SourceId, String, Vec<String>), (usize, Vec<Span>)>,
 }
 
 impl DiagnosticLog {
     pub fn push(&mut self, diagnostic: Diagnostic) {
         self.errors += usize::from(diagnostic.is_error());
         self.all.push(diagnostic);
+    }
+
+    /// Reports what may be met in several places of a file for one cause, such as a name that nothing has: with the same message and helps it
+    /// is one diagnostic, which shows the first places.
+    pub fn push_cause(&mut self, diagnostic: Diagnostic, again: &str) {
+        let Some(place) = diagnostic.span() else { return self.push(diagnostic) };
+        let key = (place.source, diagnostic.message.clone(), diagnostic.helps.clone());
+        let Some((at, places)) = self.causes.get_mut(&key) else {
+            self.causes.insert(key, (self.all.len(), vec![place]));
+            return self.push(diagnostic);
+        };
+        let Err(before) = places.binary_search_by_key(&place.start, |known| known.start) else { return };
+        places.insert(before, place);
+        let Some(told) = self.all.get_mut(*at) else { return };
+        let first = told.labels.first().map_or(String::new(), |label| label.text.clone());
+        let text = |i: usize| match (i, places.len() - MOST_PLACES.min(places.len())) {
+            (0, _) => first.clone(),
+            (i, more) if i + 1 == MOST_PLACES && more > 0 => format!("{again}, and in {more} more places"),
+            _ => again.to_owned(),
+        };
+        let shown = places.iter().take(MOST_PLACES).enumerate();
+        told.labels = shown.map(|(i, span)| Label { span: *span, text: text(i) }).collect();
+        if before == 0 {
+            self.places.insert((told.code, Some(place)));
+        }
+    }
+
+    /// The last diagnostic that was reported.
+    pub fn last_mut(&mut self) -> Option<&mut Diagnostic> {
+        self.all.last_mut()
     }
 
     pub fn extend(&mut self, diagnostics: impl IntoIterator<Item = Diagnostic>) {

@@ -140,8 +140,18 @@ impl Checker<'_> {
     ) {
         let is_unnamed = |param: usize| matched.by_parameter[param].is_some_and(|arg| given[arg].name.is_none());
         let (unnamed, named): (Vec<_>, Vec<_>) = wrong.iter().partition(|(param, _)| is_unnamed(*param));
-        for (i, arg) in named {
-            self.report_argument(&signature.params[*i].sig, &signature.params[*i].name, arg, site);
+        for (i, arg) in &named {
+            let param = &signature.params[*i];
+            // Under another's name, while its own is missing: `render(scene: eye)`.
+            if let ([own], true) = (matched.missing.as_slice(), unnamed.is_empty())
+                && matches!(signature.params[*own].sig, Sig::Is(_))
+                && signature.params[*own].sig.accepts(&arg.expr.ty, arg.value.as_ref())
+                && !arg.expr.ty.is_unknown()
+            {
+                let help = format!("write `{}: {}`", signature.params[*own].name, self.sources.text(arg.expr.span));
+                return self.report_argument_with(&param.sig, &param.name, arg, site, Some(help));
+            }
+            self.report_argument(&param.sig, &param.name, arg, site);
         }
         let Some((first, arg)) = unnamed.first() else {
             if let Some(extra) = matched.extra.first() {
@@ -282,7 +292,12 @@ impl Checker<'_> {
 
     fn report_argument_with(&mut self, sig: &Sig, param: &str, arg: &Typed, site: Site, known: Option<String>) {
         let ty = &arg.expr.ty;
-        let mut help = known.or_else(|| self.conversion_help(sig, arg, arg.expr.span));
+        // A function is given for a parameter, and what it will be called with does not fit.
+        let is_given = arg.expr.span == site.span && matches!(arg.expr.kind, ExprKind::Error);
+        let mut help = known.or_else(|| match is_given {
+            true => self.around_function(sig, ty, site),
+            false => self.conversion_help(sig, arg, arg.expr.span),
+        });
         if site.name == "image" && *ty == Ty::Str {
             help = Some(format!(
                 "`image` takes numbers; a file is read by `load_image({})`",
@@ -299,7 +314,7 @@ impl Checker<'_> {
             );
             return;
         }
-        let whole = matches!(sig, Sig::Int(_)) && matches!(ty, Ty::Num(_)) && fits(&sig.ty(), ty);
+        let whole = is_whole(sig, ty);
         let unit = matches!((sig, ty), (Sig::Is(Ty::Angle), Ty::Num(_)) | (Sig::Is(Ty::Num(_)), Ty::Angle))
             || matches!((sig, ty), (Sig::Angles, Ty::Num(_) | Ty::Image { .. }))
             || matches!(sig, Sig::Number | Sig::Var('N')) && ty.is_angle();
@@ -308,9 +323,23 @@ impl Checker<'_> {
             ("dscene::type::mismatch", message, "not whole: a count or size has no fraction".to_owned())
         } else {
             let message = format!("the {noun} `{param}` of `{}` is `{sig}`, found `{ty}`", site.name);
-            (if unit { "dscene::type::unit" } else { "dscene::type::mismatch" }, message, format!("this is `{ty}`"))
+            let label = if is_given { format!("called with `{ty}`") } else { format!("this is `{ty}`") };
+            (if unit { "dscene::type::unit" } else { "dscene::type::mismatch" }, message, label)
         };
         self.diagnostics.push(Diagnostic::error(code, message).label(arg.expr.span, label).help_opt(help));
+    }
+
+    /// The function value that gives a function of one argument what it takes, where it is given for one that is called with something else.
+    fn around_function(&mut self, sig: &Sig, found: &Ty, site: Site) -> Option<String> {
+        let name = site.name;
+        let id = self.lookup(name)?;
+        let is_one = self.signature(id).is_some_and(|signature| signature.params.len() == 1);
+        let takes_angles = matches!(sig, Sig::Angles | Sig::Is(Ty::Angle));
+        match found.without_unit() {
+            Some((_, false)) if is_one && takes_angles => Some(format!("write `x => {name}(x * 1deg)`")),
+            Some((_, true)) if is_one && !takes_angles => Some(format!("write `x => {name}(x / 1deg)`")),
+            _ => None,
+        }
     }
 
     /// A help text for types that are commonly confused.
@@ -338,7 +367,8 @@ impl Checker<'_> {
                     format!("write `{short}deg` or `{short}rad`")
                 } else {
                     // Someone who writes `pi / 4` means radians.
-                    let unit = if short.contains("pi") || short.contains("tau") { "rad" } else { "deg" };
+                    let is_circle = ["pi", "tau", "3.14", "1.57", "6.28"].iter().any(|part| short.contains(part));
+                    let unit = if is_circle { "rad" } else { "deg" };
                     format!("angles have a unit: `{factor} * 1{unit}`")
                 }
             }
@@ -351,9 +381,9 @@ impl Checker<'_> {
             Ty::Num(shape) if shape.is_empty() && matches!(wanted, Sig::Int(s) if s.as_slice() == [Some(2)]) => {
                 format!("write `[{short}, {short}]`")
             }
-            Ty::Num(_) if matches!(wanted, Sig::Int(_)) && found.value.is_some() => {
+            Ty::Num(_) if is_whole(wanted, &found.expr.ty) && found.value.is_some() => {
                 let x = found.value.as_ref().and_then(Const::number)?;
-                format!("write `{}`", x.round())
+                format!("write `{}`", x.round_ties_even())
             }
             Ty::Num(shape) if shape.is_empty() && is(Ty::Num(vec![None])) => format!("write `[{short}]`"),
             Ty::Num(shape) if shape.is_empty() && accepts(Ty::vector(3)) => {
@@ -364,7 +394,13 @@ impl Checker<'_> {
             }
             Ty::Num(_) if is(Ty::Material) => format!("write `diffuse(reflectance: {short})`"),
             Ty::Num(_) if is(Ty::Optimizer) => format!("write `adam(lr: {short})`"),
-            Ty::Num(_) | Ty::Texture if is(super::signature::any_image()) => format!("write `image({short})`"),
+            Ty::Num(shape) if is(super::signature::any_image()) => match shape.len() {
+                0 => format!("write `image([[{short}]])`"),
+                1 => format!("write `image([{short}])`"),
+                2 | 3 => format!("write `image({short})`"),
+                _ => return None,
+            },
+            Ty::Texture if is(super::signature::any_image()) => format!("write `image({short})`"),
             Ty::Texture if is(Ty::Material) => format!("write `diffuse(reflectance: {short})`"),
             Ty::Image { .. } if is(Ty::Texture) => format!("write `texture({short})`"),
             Ty::Image { .. } if accepts(Ty::SCALAR) => format!("reduce the image to one number: `mean({short})`"),
@@ -383,6 +419,7 @@ impl Checker<'_> {
             {
                 format!("numbers have no quotes: `{text}`")
             }
+            Ty::Fn(..) if let Sig::Fn(params, _) = wanted => return other_count(params.len(), text),
             Ty::Fn(..) if let Some((_, body)) = text.split_once("=>") => {
                 format!("what changes is an expression in `step` and `progress`: `{}`", body.trim())
             }
@@ -415,6 +452,29 @@ impl Checker<'_> {
         let is_number = wanted.accepts(&Ty::SCALAR, None) && !missing.is_empty();
         (fits && !is_number).then(|| format!("{name}({})", missing.join(", ")))
     }
+}
+
+/// Whether a number would fit if it were whole.
+fn is_whole(sig: &Sig, found: &Ty) -> bool {
+    match sig {
+        Sig::Int(_) => matches!(found, Ty::Num(_)) && fits(&sig.ty(), found),
+        Sig::Union(choices) => choices.iter().any(|choice| is_whole(choice, found)),
+        _ => false,
+    }
+}
+
+/// What is said of a function value that is called with another number of arguments than it has.
+fn other_count(wanted: usize, text: &str) -> Option<String> {
+    let s = plural(wanted);
+    let Some((names, body)) = text.split_once("=>") else {
+        return Some(format!("it is called with {wanted} argument{s}"));
+    };
+    let own = names.trim().trim_matches(['(', ')']).split(',').map(str::trim).filter(|name| !name.is_empty());
+    let own: Vec<&str> = own.collect();
+    let more = ["a", "b", "c", "d", "e", "f"].into_iter().filter(|name| !own.contains(name));
+    let names: Vec<&str> = own.iter().copied().chain(more).take(wanted).collect();
+    let names = if wanted == 1 { names.concat() } else { format!("({})", names.join(", ")) };
+    (own.len() != wanted).then(|| format!("it is called with {wanted} argument{s}: `{names} => {}`", body.trim()))
 }
 
 /// All orders of the first `n` whole numbers, their own first.

@@ -36,6 +36,8 @@ pub struct Module {
     pub own: Vec<DeclId>,
     /// The modules that it imports.
     pub imported: Vec<ModuleId>,
+    /// Whether an import failed that would have brought names that nobody knows.
+    pub lacks_import: bool,
 }
 
 /// Whether a declaration is seen in its own file only.
@@ -444,6 +446,12 @@ impl<'l> Checker<'l> {
         };
         let Some(target) = target else {
             self.unread.extend(import.alias.iter().map(|a| a.text.clone()));
+            // A library of another language would have brought nothing that this one has.
+            let brings = match &import.from {
+                ast::ImportFrom::Module(name) => name.starts_with("std."),
+                ast::ImportFrom::File(_) => true,
+            };
+            self.modules[module].lacks_import |= brings && import.alias.is_none();
             if let (ast::ImportFrom::Module(name), None) = (&import.from, &import.alias) {
                 self.unread.insert(name.clone());
             }

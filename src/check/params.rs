@@ -17,15 +17,18 @@ pub const SETTINGS: [&str; 5] = ["lr", "scale", "space", "precondition", "frozen
 /// The distributions that a prior may be, as they are called after `~`.
 pub const DISTRIBUTIONS: [&str; 3] = ["normal", "uniform", "log_normal"];
 
+/// What bounds are called elsewhere.
+const BOUNDS: [&str; 9] = ["min", "low", "lower", "max", "high", "upper", "bounds", "range", "limits"];
+
 impl Checker<'_> {
     pub fn param(&mut self, id: DeclId, param: &ast::Param, replaced: Option<&ast::Expr>) {
         let prior = param.prior.as_ref().map(|prior| self.prior(prior));
-        let typed = match (replaced.or(param.value.as_ref()), &prior) {
+        let mut typed = match (replaced.or(param.value.as_ref()), &prior) {
             (Some(initial), _) => self.annotated(param.ty.as_ref(), initial),
             (None, Some(prior)) => self.middle(prior, param.ty.as_ref()),
             (None, None) => broken(param.name.span),
         };
-        let (ty, initial) = (typed.expr.ty.clone(), typed.expr.span);
+        let (mut ty, initial) = (typed.expr.ty.clone(), typed.expr.span);
         let may_move = ty.may_move();
         if !may_move {
             self.diagnostics.push(
@@ -35,6 +38,8 @@ impl Checker<'_> {
                         "params are numbers and angles, arrays of them, rotations or images; build the rest from them",
                     ),
             );
+            // What is made of it is no mistake of its own.
+            (ty, typed.expr.ty, typed.value) = (Ty::Error, Ty::Error, None);
         }
         let mut decl = hir::ParamDecl::default();
         if let Some(prior) = prior {
@@ -67,6 +72,23 @@ impl Checker<'_> {
         self.set_value(id, DeclKind::Param(Box::new(decl)), typed);
         // A param changes, so nothing may be computed from its initial value.
         self.slot_mut(id).value = None;
+    }
+
+    /// Bounds that were written as settings.
+    fn report_bounds_in_settings(&mut self, param: &ast::Param, first: &ast::Field) {
+        let end = |names: &[&str]| {
+            let field = param.settings.iter().find(|field| names.contains(&field.name.text.as_str()));
+            field.map_or("", |field| self.sources.text(field.value.span))
+        };
+        let range = match (end(&BOUNDS[..3]), end(&BOUNDS[3..6])) {
+            ("", "") => "…".to_owned(),
+            (low, high) => format!("{low}..{high}"),
+        };
+        let value = param.value.as_ref().map_or("…", |value| self.sources.text(value.span));
+        let told = Diagnostic::error("dscene::name::field", format!("a param has no setting `{}`", first.name.text))
+            .label(first.name.span, "bounds stand behind the value")
+            .help(format!("write `param {} = {value} in {range}`", param.name.text));
+        self.diagnostics.push(told);
     }
 
     /// The distribution after `~`.
@@ -242,6 +264,14 @@ impl Checker<'_> {
                     continue;
                 }
                 "precondition" => Sig::Is(Ty::Preconditioner),
+                name if BOUNDS.contains(&name) => {
+                    // Both ends of a range are one mistake.
+                    let is_bound = |field: &&ast::Field| BOUNDS.contains(&field.name.text.as_str());
+                    if param.settings.iter().find(is_bound).is_some_and(|first| first.name.span == field.name.span) {
+                        self.report_bounds_in_settings(param, field);
+                    }
+                    continue;
+                }
                 name => {
                     let foreign = crate::diag::advice::field(name, &SETTINGS).map(|f| format!("did you mean `{f}`?"));
                     let help = foreign.or_else(|| did_you_mean(name, "the settings are", SETTINGS));
