@@ -57,7 +57,23 @@ pub const TABLE: &[Row] = &[
     row(Place::Operator, "||", "$< or $>", ""),
     row(Place::Operator, "! ~", "not $>", ""),
     row(Place::Operator, "**", "$< ^ $>", ""),
-    row(Place::Operator, "<> !== =/= /=", "$< != $>", ""),
+    row(Place::Operator, "<> !== =/= /= ≠", "$< != $>", ""),
+    row(Place::Operator, "^^ xor", "$< != $>", ""),
+    row(Place::Operator, "∧", "$< and $>", ""),
+    row(Place::Operator, "∨ |", "$< or $>", ""),
+    row(Place::Operator, "¬", "not $>", ""),
+    row(Place::Operator, "≤ ⩽", "$< <= $>", ""),
+    row(Place::Operator, "≥ ⩾", "$< >= $>", ""),
+    row(Place::Operator, "× · ⋅", "$< * $>", ""),
+    row(Place::Operator, "÷", "$< / $>", ""),
+    row(Place::Operator, "− –", "$< - $>", ""),
+    row(Place::Operator, "− –", "-$>", ""),
+    row(Place::Operator, "√", "sqrt($>)", ""),
+    row(Place::Operator, "∈", "$< in $>", ""),
+    row(Place::Operator, "<<", "$< * 2 ^ $>", "numbers have no bits to shift"),
+    row(Place::Operator, ">>", "floor($< / 2 ^ $>)", "numbers have no bits to shift"),
+    row(Place::Operator, "div", "floor($< / $>)", ""),
+    row(Place::Operator, "mod rem", "mod($<, $>)", "the remainder is a function"),
     row(Place::Operator, "===", "$< == $>", ""),
     row(Place::Operator, "=~ ~~", "$< ≈ $> within 1%", "say how near"),
     row(Place::Operator, "=<", "$< <= $>", ""),
@@ -68,12 +84,14 @@ pub const TABLE: &[Row] = &[
     row(Place::Operator, "**= ^=", "let $<2 = $< ^ $>", KEEPS),
     row(Place::Operator, "%", "mod($<, $>)", "`%` is per cent, as in `30%`; the remainder is a function"),
     row(Place::Operator, ":=", "let $< = $>", "values are declared"),
-    row(Place::Operator, "->", "$< => $>", "a function value has a double arrow"),
-    row(Place::Operator, "..< ...", "$<..$>", "a range `a..b` ends before b, `a..=b` with it"),
+    row(Place::Operator, "-> → ⇒", "$< => $>", "a function value has a double arrow"),
+    row(Place::Operator, "..< ... …", "$<..$>", "a range `a..b` ends before b, `a..=b` with it"),
     row(Place::Operator, "::", "$<.$>", ""),
     row(Place::Operator, "??", "$<", "nothing is missing here that could be replaced"),
     row(Place::Postfix, "++", "let $<2 = $< + 1", KEEPS),
     row(Place::Postfix, "--", "let $<2 = $< - 1", KEEPS),
+    row(Place::Postfix, "²", "$< ^ 2", ""),
+    row(Place::Postfix, "³", "$< ^ 3", ""),
     row(Place::Postfix, "°", "$<deg", "angles have the units `deg`, `rad` and `turn`"),
     row(Place::Statement, "var const val auto set mut static final define", "let $>", ""),
     row(
@@ -116,9 +134,7 @@ pub const TABLE: &[Row] = &[
     row(Place::Statement, "struct record", "let NAME = { … }", "a record needs no declaration"),
     row(Place::Call, "dict Dict SimpleNamespace", "{ … }", "braces make a record"),
     row(Place::Statement, "return yield", "print $>", "a script has no result, it shows values"),
-    row(Place::Call, "zeros", "[0 for i in 0..$1]", ""),
-    row(Place::Call, "ones", "[1 for i in 0..$1]", ""),
-    row(Place::Call, "full fill repeat", "[$2 for i in 0..$1]", ""),
+    row(Place::Call, "repeat", "[$1 for i in 0..$2]", ""),
     row(Place::Call, "zeros_like", "0 * $1", ""),
     row(Place::Call, "ones_like", "0 * $1 + 1", ""),
     row(Place::Call, "range arange iota", "$1..$2", ""),
@@ -148,7 +164,36 @@ pub const TABLE: &[Row] = &[
     ),
     row(Place::Call, "saturate", "clamp($1, 0, 1)", ""),
     row(Place::Call, "relu", "max($1, 0)", ""),
-    row(Place::Call, "inversesqrt rsqrt", "1 / sqrt($1)", ""),
+    row(Place::Call, "inversesqrt rsqrt inverse_sqrt invsqrt", "1 / sqrt($1)", ""),
+    row(Place::Call, "hypot", "norm([$1, $2])", ""),
+    row(Place::Call, "sinh", "(exp($1) - exp(-$1)) / 2", ""),
+    row(Place::Call, "cosh", "(exp($1) + exp(-$1)) / 2", ""),
+    row(Place::Call, "expm1", "exp($1) - 1", ""),
+    row(Place::Call, "log1p", "log(1 + $1)", ""),
+    row(Place::Call, "softplus", "log(1 + exp($1))", ""),
+    row(Place::Call, "logit", "log($1 / (1 - $1))", ""),
+    row(Place::Call, "step", "where($2 < $1, 0, 1)", ""),
+    row(Place::Call, "add", "$1 + $2", ""),
+    row(Place::Call, "sub subtract", "$1 - $2", ""),
+    row(Place::Call, "mul multiply", "$1 * $2", ""),
+    row(Place::Call, "div divide", "$1 / $2", ""),
+    row(Place::Call, "power", "$1 ^ $2", ""),
+    row(Place::Call, "matmul mm mv bmm", "$1 @ $2", ""),
+    row(Place::Call, "outer", "[[a * b for b in $2] for a in $1]", ""),
+    row(Place::Call, "identity eye", "[[if i == j then 1 else 0 for j in 0..$1] for i in 0..$1]", ""),
+    row(Place::Call, "xor logical_xor", "$1 != $2", ""),
+    row(Place::Call, "logical_and", "$1 and $2", ""),
+    row(Place::Call, "logical_or", "$1 or $2", ""),
+    row(Place::Call, "logical_not", "not $1", ""),
+    row(Place::Call, "cumsum", "[sum($1[0..i + 1]) for i in 0..len($1)]", ""),
+    row(Place::Call, "prod product", "exp(sum(log($1)))", "if all are above 0"),
+    row(Place::Call, "reverse reversed", "[$1[-1 - i] for i in 0..len($1)]", ""),
+    row(
+        Place::Call,
+        "reduce fold foldl accumulate",
+        "",
+        "many values become one by `sum(…)`, `mean(…)`, `min(…)`, `max(…)`, `any(…)` or `all(…)`",
+    ),
     row(Place::Call, "fract frac", "$1 - floor($1)", ""),
     row(Place::Call, "reflect", "$1 - 2 * dot($1, $2) * $2", ""),
     row(Place::Call, "square sqr", "$1 ^ 2", ""),
@@ -161,6 +206,7 @@ pub const TABLE: &[Row] = &[
     row(Place::Call, "filter", "[x for x in $2 if $1(x)]", ""),
     row(Place::Call, "enumerate", "zip(0..len($1), $1)", ""),
     row(Place::Call, "rand random", "uniform($1)", ""),
+    row(Place::Call, "rand random", "uniform(1)[0]", ""),
     row(Place::Call, "randn normal_noise", "noise($1)", ""),
     row(
         Place::Call,
@@ -186,13 +232,27 @@ pub const TABLE: &[Row] = &[
         "there is no empty value; of a field or argument, leave it out",
     ),
     row(Place::Name, "PI M_PI Pi", "pi", ""),
-    row(Place::Name, "inf Infinity infinity INFINITY", "1e9", "there is no infinite number; write a large one"),
+    row(Place::Name, "tau TAU TWO_PI two_pi M_2PI", "2 * pi", ""),
+    row(Place::Name, "half_pi HALF_PI M_PI_2", "pi / 2", ""),
+    row(Place::Name, "e E M_E", "exp(1)", ""),
+    row(
+        Place::Name,
+        "nan NaN NAN Nan",
+        "",
+        "what is not a number cannot be written; `is_nan(…)` asks whether something is one",
+    ),
+    row(
+        Place::Name,
+        "inf Inf INF Infinity infinity INFINITY ∞",
+        "1e9",
+        "there is no infinite number; write a large one",
+    ),
     row(Place::Method, "map", "[$1(x) for x in $<]", "functions are applied by a comprehension"),
     row(Place::Method, "filter", "[x for x in $< if $1(x)]", ""),
     row(Place::Method, "append push push_back add extend", "concat($<, [$1])", ""),
     row(Place::Method, "shape size length count len", "len($<)", ""),
     row(Place::Method, "T", "transpose($<)", ""),
-    row(Place::Method, "item numpy cpu clone copy tolist to_list", "$<", "a value needs no conversion"),
+    row(Place::Method, "value data item numpy cpu clone copy tolist to_list", "$<", "a value needs no conversion"),
     row(Place::Method, "detach", "stop_gradient($<)", ""),
     row(Place::Method, "backward gradient", "grad($<)", ""),
     row(Place::Method, "toString to_string", "\"{$<}\"", "a string may hold values"),
@@ -233,6 +293,9 @@ pub fn help(place: Place, spelling: &str, around: &Around) -> Option<String> {
     {
         return Some(format!("write `{number}`"));
     }
+    if let (Place::Call, Some(typed)) = (place, filled(spelling, &around.arguments)) {
+        return Some(format!("write `{typed}`"));
+    }
     let around = &around;
     let text = |row: &&Row| {
         (row.place == place && row.spellings.split(' ').any(|s| s == spelling)).then(|| fill(row.write, around))?
@@ -244,6 +307,29 @@ pub fn help(place: Place, spelling: &str, around: &Around) -> Option<String> {
         (why, "") => why.to_owned(),
         (why, _) => format!("{why}: `{typed}`"),
     })
+}
+
+/// An array of equal numbers: `zeros(3)`, `zeros([2, 3])`, `zeros(2, 3)`, `full((2, 3), 0.5)`.
+fn filled(spelling: &str, arguments: &[&str]) -> Option<String> {
+    const COUNTERS: [&str; 4] = ["i", "j", "k", "l"];
+    let (value, sizes) = match (spelling, arguments) {
+        ("zeros", sizes) => ("0", sizes),
+        ("ones", sizes) => ("1", sizes),
+        ("full" | "fill", [size, value]) => (*value, std::slice::from_ref(size)),
+        _ => return None,
+    };
+    let unnamed = |text: &str| text.split_once(':').map_or(text, |(_, value)| value).trim().to_owned();
+    let (value, first) = (unnamed(value), unnamed(sizes.first()?));
+    let listed = first.strip_prefix(['[', '(']).and_then(|list| list.strip_suffix([']', ')']));
+    let sizes: Vec<&str> = match listed {
+        Some(list) => list.split(',').map(str::trim).filter(|size| !size.is_empty()).collect(),
+        None => {
+            std::iter::once(first.as_str()).chain(sizes[1..].iter().copied().filter(|s| !s.contains('='))).collect()
+        }
+    };
+    let loops = sizes.iter().zip(COUNTERS).rev();
+    (sizes.len() <= COUNTERS.len())
+        .then(|| loops.fold(value, |inner, (size, counter)| format!("[{inner} for {counter} in 0..{size}]")))
 }
 
 /// A template that calls its first argument, `$1(x)`, if that is a function value, `x => 2 * x`: with its body in place of the call.
@@ -279,6 +365,12 @@ fn fill(template: &str, around: &Around) -> Option<String> {
         rest = chars.as_str();
         let value = match what {
             '<' => present(around.before)?,
+            // `√(1 + x)` has its brackets.
+            '>' if out.ends_with('(') && rest.starts_with(')') && around.behind.starts_with('(') => {
+                out.pop();
+                rest = rest.strip_prefix(')').unwrap_or(rest);
+                present(around.behind)?
+            }
             '>' => present(around.behind)?,
             'v' if let [one] = around.arguments.as_slice()
                 && one.trim().parse::<f64>().is_ok() =>
@@ -413,6 +505,13 @@ pub fn light_with(argument: &str) -> Option<&'static str> {
 
 /// Functions of another thing under a name that is taken here: the name, the type of its first argument, and what to write.
 const INSTEAD: &[(&str, &str, &str, &str)] = &[
+    (
+        "area",
+        "mesh",
+        "surface_area($1)",
+        "a light with a radiance is an `area`, how large a surface is has another name",
+    ),
+    ("gradient", "scalar", "grad($1, $2)", "derivatives have another name"),
     ("mix", "material", "blend($1, $2, weight: $3)", "materials are blended"),
     ("mix", "material", "blend($1, $2, weight: 0.5)", "materials are blended"),
     ("translate", "scalar", "translation([$1, $2, $3])", "a transform without a mesh has another name"),
@@ -487,6 +586,17 @@ pub fn function(name: &str) -> Option<&'static str> {
         "bitmap" | "image_texture" => "texture",
         "gaussian" | "gaussian_blur" => "blur",
         "average" | "avg" => "mean",
+        "maximum" | "fmax" => "max",
+        "minimum" | "fmin" => "min",
+        "fabs" | "absolute" => "abs",
+        "ceiling" => "ceil",
+        "sgn" | "signum" => "sign",
+        "magnitude" => "norm",
+        "normalise" | "normalized" | "normalised" | "unit_vector" => "normalize",
+        "sorted" => "sort",
+        "any_of" => "any",
+        "all_of" => "all",
+        "isnan" => "is_nan",
         "stddev" | "standard_deviation" => "std",
         "var" => "variance",
         "quantile" => "percentile",

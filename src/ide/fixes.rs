@@ -202,7 +202,10 @@ fn pieces(text: &str, start: usize, end: usize, from: usize, to: usize, typed: &
             }
         }
     }
-    found.sort_by_key(|(differences, size, _)| (*differences, *size));
+    // What is typed around the very argument or item that is blamed belongs there, whatever stands beside it.
+    let (blamed, behind) = (&text[from..to], text[to..].trim_start());
+    let is_around = !blamed.is_empty() && typed.contains(blamed) && behind.starts_with([')', ',', ']', '}']);
+    found.sort_by_key(|(differences, size, piece)| (!(is_around && *piece == (from, to)), *differences, *size));
     found.into_iter().map(|(.., piece)| piece).collect()
 }
 
