@@ -121,7 +121,7 @@ fn read(source: SourceId, scan: &scan::Scan, visit: Option<&mut Visit>) -> (ast:
             }
         }
         if tree.statements.len() == statements {
-            tree.unread.extend(scan::declared_name(text).map(str::to_owned));
+            tree.unread.extend(scan::declared_names(text).into_iter().map(str::to_owned));
         }
     }
     diag::sort(&mut diagnostics);

@@ -128,6 +128,19 @@ pub fn declared_name(text: &str) -> Option<&str> {
     words.find(|w| !is_reserved(w))
 }
 
+/// The names that a statement may have meant to declare: those of an import in another language's words are all that it has.
+pub fn declared_names(text: &str) -> Vec<&str> {
+    let is_word = |c: char| c.is_ascii_alphanumeric() || c == '_';
+    let first = text.trim_start().split(|c: char| !is_word(c)).next().unwrap_or("");
+    let head = text.split('=').next().unwrap_or("");
+    let many = match first {
+        "import" | "from" | "use" | "include" | "require" | "using" => text,
+        _ if head.contains(',') && !is_test(text) && !head.contains('"') => head,
+        _ => return declared_name(text).into_iter().collect(),
+    };
+    many.split(|c: char| !is_word(c)).filter(|word| !word.is_empty() && !is_reserved(word)).collect()
+}
+
 /// Whether a statement is a test.
 pub fn is_test(text: &str) -> bool {
     text.trim_start().strip_prefix("test").is_some_and(|rest| rest.trim_start().starts_with('"'))
@@ -247,10 +260,15 @@ impl Lexer<'_> {
         }));
         if !self.foreign.contains(&word) {
             self.foreign.push(word);
+            let help = match word {
+                "π" => "write `pi`",
+                "τ" => "write `2 * pi`",
+                _ => "names have the letters `a` to `z` and `A` to `Z`, digits and `_`",
+            };
             self.diagnostics.push(
                 Diagnostic::error("dscene::syntax::unexpected", format!("`{word}` is not spelt as names are"))
                     .label(Span::new(self.source, first, self.at), "has a letter that no name has")
-                    .help("names have the letters `a` to `z` and `A` to `Z`, digits and `_`"),
+                    .help(help),
             );
         }
     }

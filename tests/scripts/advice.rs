@@ -16,6 +16,7 @@ light lamp = area(rectangle() |> flip() |> translate([0, 3, 0]), radiance: 10)
 let c = true
 let d = false
 let v = [3, 4, 0]
+let small = image([[1, 2], [3, 4]])
 loss fit = mean(render(eye)) + n
 ";
 
@@ -389,6 +390,207 @@ const ROWS: &[Row] = &[
     ("let f = lpips", "lpips", "perceptual_error", "let f = perceptual_error"),
     ("let a = edge_energy(ball.mesh)", "edge_energy", "edge_length_energy", "let a = edge_length_energy(ball.mesh)"),
     ("let a = tv_loss(render(eye))", "tv_loss", "total_variation", "let a = total_variation(render(eye))"),
+    // Units of arguments that go together, and whole numbers.
+    ("let a = where(true, 1, 2deg)", "1", "1deg", "let a = where(true, 1deg, 2deg)"),
+    ("let a = max(1deg, 2)", "2", "2deg", "let a = max(1deg, 2deg)"),
+    ("let a = max(1deg, size)", "size", "size * 1deg", "let a = max(1deg, size * 1deg)"),
+    ("let a = clamp(1deg, 0, 1)", "0, 1", "0deg, 1deg", "let a = clamp(1deg, 0deg, 1deg)"),
+    ("let a = clamp(1, 0deg, 1deg)", "1", "1deg", "let a = clamp(1deg, 0deg, 1deg)"),
+    ("camera k { fov: 3.14159 / 4 }", "3.14159 / 4", "(3.14159 / 4) * 1rad", "camera k { fov: (3.14159 / 4) * 1rad }"),
+    ("let a = sum(v, axis: 0.5)", "0.5", "0", "let a = sum(v, axis: 0)"),
+    (
+        "fn ap(f: (scalar) => scalar) = f(1)\nlet a = ap(sin)",
+        "sin",
+        "x => sin(x * 1deg)",
+        "fn ap(f: (scalar) => scalar) = f(1)\nlet a = ap(x => sin(x * 1deg))",
+    ),
+    (
+        "let a = pyramid_loss(render(eye), render(eye), loss: x => 1)",
+        "x => 1",
+        "(x, a) => 1",
+        "let a = pyramid_loss(render(eye), render(eye), loss: (x, a) => 1)",
+    ),
+    ("let a = total_variation([1, 2])", "[1, 2]", "image([[1, 2]])", "let a = total_variation(image([[1, 2]]))"),
+    ("let a = total_variation(1)", "1", "image([[1]])", "let a = total_variation(image([[1]]))"),
+    ("let a = cube(size: 2).area", "area", "surface_area(cube(size: 2))", "let a = surface_area(cube(size: 2))"),
+    ("let a = render(scene: eye)", "eye", "camera: eye", "let a = render(camera: eye)"),
+    ("let a = v(0)", "v", "v[0]", "let a = v[0]"),
+    ("let a = 2(3)", "2", "2 * 3", "let a = 2 * 3"),
+    ("let a = step(0.5, size)", "step", "where(size < 0.5, 0, 1)", "let a = where(size < 0.5, 0, 1)"),
+    ("let a = 3 pi", "pi", "3 * pi", "let a = 3 * pi"),
+    ("let a = 20 cm", "cm", "20", "let a = 20"),
+    // Declarations of other shapes.
+    ("let x: 3", ":", "let x = 3", "let x = 3"),
+    ("param x: 3", ":", "param x = 3", "param x = 3"),
+    ("let x: sin(3deg)", ":", "let x = sin(3deg)", "let x = sin(3deg)"),
+    ("x: 3", ":", "let x = 3", "let x = 3"),
+    ("eye.fov: 30deg", ":", "let changed = eye with { eye.fov: 30deg }", "let changed = eye with { eye.fov: 30deg }"),
+    ("fn f(x) = { return x }", "return", "fn f(x) = x", "fn f(x) = x"),
+    ("fn f x = x", "x", "fn f(x) = x", "fn f(x) = x"),
+    ("fn f x y = x + y", "x y", "fn f(x, y) = x + y", "fn f(x, y) = x + y"),
+    ("fn f = x => x + 1", "=", "fn f(x) = x + 1", "fn f(x) = x + 1"),
+    ("fn f(p: List[float]) = p", "List[float]", "scalar[]", "fn f(p: scalar[]) = p"),
+    ("let a, b = 1, 2", "a, b", "let a = 1 let b = 2", "let a = 1 let b = 2"),
+    ("let (a, b) = (1, 2)\nprint a + b", "(a, b)", "let a = 1 let b = 2", "let a = 1 let b = 2\nprint a + b"),
+    ("let [a, b] = v", "[a, b]", "let a = v[0] let b = v[1]", "let a = v[0] let b = v[1]"),
+    (
+        "let {fov, film} = eye",
+        "{fov, film}",
+        "let fov = eye.fov let film = eye.film",
+        "let fov = eye.fov let film = eye.film",
+    ),
+    ("param a = 1 in 0,1", "0,1", "0..1", "param a = 1 in 0..1"),
+    ("param a = 1 in (0, 1)", "(0, 1)", "0..1", "param a = 1 in 0..1"),
+    ("param a = 1 in 0 to 1", "0 to 1", "0..1", "param a = 1 in 0..1"),
+    ("param a = 1 { min: 0, max: 1 }", "min", "param a = 1 in 0..1", "param a = 1 in 0..1"),
+    ("let a = [i for i in ..3]", "..", "0..3", "let a = [i for i in 0..3]"),
+    // Signs.
+    ("let a = size ≠ 2", "≠", "size != 2", "let a = size != 2"),
+    ("let a = size ≥ 2", "≥", "size >= 2", "let a = size >= 2"),
+    ("let a = size ≤ 2", "≤", "size <= 2", "let a = size <= 2"),
+    ("let a = 2 × 3", "×", "2 * 3", "let a = 2 * 3"),
+    ("let a = 2 · 3", "·", "2 * 3", "let a = 2 * 3"),
+    ("let a = 2 ÷ 3", "÷", "2 / 3", "let a = 2 / 3"),
+    ("let a = 2 − 3", "−", "2 - 3", "let a = 2 - 3"),
+    ("let a = −3", "−", "-3", "let a = -3"),
+    ("let a = √2", "√", "sqrt(2)", "let a = sqrt(2)"),
+    ("let a = √(2 + n)", "√", "sqrt(2 + n)", "let a = sqrt(2 + n)"),
+    ("let a = n²", "²", "n ^ 2", "let a = n ^ 2"),
+    ("let a = (n + 1)³", "³", "(n + 1) ^ 3", "let a = (n + 1) ^ 3"),
+    ("let a = π / 2", "π", "pi", "let a = pi / 2"),
+    ("let a = ∞", "∞", "1e9", "let a = 1e9"),
+    ("let a = ¬c", "¬", "not c", "let a = not c"),
+    ("let a = c ∧ d", "∧", "c and d", "let a = c and d"),
+    ("let a = c ∨ d", "∨", "c or d", "let a = c or d"),
+    ("let f = x → x", "→", "x => x", "let f = x => x"),
+    ("let a = [x for x ∈ v]", "∈", "x in v", "let a = [x for x in v]"),
+    ("let a = “text”", "“text”", "\"text\"", "let a = \"text\""),
+    ("let a = ‘text’", "‘text’", "\"text\"", "let a = \"text\""),
+    ("let a = \"\"\"text\"\"\"", "\"\"\"text\"\"\"", "\"text\"", "let a = \"text\""),
+    ("let a = \"a {} b\"", "{}", "{…}", "let a = \"a {n} b\""),
+    ("let a = \"a %d\" % n", "%", "\"… {n}\"", "let a = \"a {n}\""),
+    ("let a = 1 << 2", "<<", "1 * 2 ^ 2", "let a = 1 * 2 ^ 2"),
+    ("let a = 8 >> 2", ">>", "floor(8 / 2 ^ 2)", "let a = floor(8 / 2 ^ 2)"),
+    ("let a = 7 mod 2", "mod", "mod(7, 2)", "let a = mod(7, 2)"),
+    ("let a = 7 div 2", "div", "floor(7 / 2)", "let a = floor(7 / 2)"),
+    ("let a = c xor d", "xor", "c != d", "let a = c != d"),
+    ("let a = c | d", "|", "c or d", "let a = c or d"),
+    ("let a = c && !d", "&&", "c and not d", "let a = c and not d"),
+    ("let x = 1\n++x", "++", "let x2 = x + 1", "let x = 1\nlet x2 = x + 1"),
+    (
+        "let a = c ? d ? 1 : 2 : 3",
+        "?",
+        "if c then if d then 1 else 2 else 3",
+        "let a = if c then if d then 1 else 2 else 3",
+    ),
+    (
+        "let a = c ? 1 : d ? 2 : 3",
+        "?",
+        "if c then 1 else if d then 2 else 3",
+        "let a = if c then 1 else if d then 2 else 3",
+    ),
+    ("let a = |n|", "|n|", "abs(n)", "let a = abs(n)"),
+    // Names and functions of other languages.
+    ("let a = zeros([3])", "zeros", "[0 for i in 0..3]", "let a = [0 for i in 0..3]"),
+    ("let a = ones([2, 2])", "ones", "[[1 for j in 0..2] for i in 0..2]", "let a = [[1 for j in 0..2] for i in 0..2]"),
+    ("let a = ones(2, n)", "ones", "[[1 for j in 0..n] for i in 0..2]", "let a = [[1 for j in 0..n] for i in 0..2]"),
+    (
+        "let a = full([2, 3], 0.5)",
+        "full",
+        "[[0.5 for j in 0..3] for i in 0..2]",
+        "let a = [[0.5 for j in 0..3] for i in 0..2]",
+    ),
+    ("let a = repeat(n, 3)", "repeat", "[n for i in 0..3]", "let a = [n for i in 0..3]"),
+    ("let a = tau", "tau", "2 * pi", "let a = 2 * pi"),
+    ("let a = TWO_PI / 3", "TWO_PI", "2 * pi", "let a = 2 * pi / 3"),
+    ("let a = HALF_PI", "HALF_PI", "pi / 2", "let a = pi / 2"),
+    ("let a = e", "e", "exp(1)", "let a = exp(1)"),
+    ("let a = inf", "inf", "1e9", "let a = 1e9"),
+    ("let a = infinity", "infinity", "1e9", "let a = 1e9"),
+    ("let a = nan", "nan", "is_nan(…)", "let a = is_nan(n)"),
+    ("let a = inverse_sqrt(size)", "inverse_sqrt", "1 / sqrt(size)", "let a = 1 / sqrt(size)"),
+    ("let a = fract(size)", "fract", "size - floor(size)", "let a = size - floor(size)"),
+    ("let a = hypot(3, size)", "hypot", "norm([3, size])", "let a = norm([3, size])"),
+    ("let a = sinh(size)", "sinh", "(exp(size) - exp(-size)) / 2", "let a = (exp(size) - exp(-size)) / 2"),
+    ("let a = cosh(size)", "cosh", "(exp(size) + exp(-size)) / 2", "let a = (exp(size) + exp(-size)) / 2"),
+    ("let a = log1p(size)", "log1p", "log(1 + size)", "let a = log(1 + size)"),
+    ("let a = expm1(size)", "expm1", "exp(size) - 1", "let a = exp(size) - 1"),
+    ("let a = softplus(size)", "softplus", "log(1 + exp(size))", "let a = log(1 + exp(size))"),
+    ("let a = logit(0.3)", "logit", "log(0.3 / (1 - 0.3))", "let a = log(0.3 / (1 - 0.3))"),
+    ("let a = rand(3)", "rand", "uniform(3)", "let a = uniform(3)"),
+    ("let a = random()", "random", "uniform(1)[0]", "let a = uniform(1)[0]"),
+    ("let a = matmul(v, v)", "matmul", "v @ v", "let a = v @ v"),
+    ("let a = power(2, size)", "power", "2 ^ size", "let a = 2 ^ size"),
+    ("let a = multiply(v, size)", "multiply", "v * size", "let a = v * size"),
+    ("let a = add(v, size)", "add", "v + size", "let a = v + size"),
+    ("let a = subtract(v, size)", "subtract", "v - size", "let a = v - size"),
+    ("let a = divide(v, size + 1)", "divide", "v / (size + 1)", "let a = v / (size + 1)"),
+    ("let a = reduce((a, b) => a + b, v)", "reduce", "sum(…)", "let a = sum(v)"),
+    ("let a = xor(c, d)", "xor", "c != d", "let a = c != d"),
+    ("let a = logical_and(c, d)", "logical_and", "c and d", "let a = c and d"),
+    ("let a = logical_or(c, d)", "logical_or", "c or d", "let a = c or d"),
+    ("let a = logical_not(c)", "logical_not", "not c", "let a = not c"),
+    (
+        "let a = cumsum(v)",
+        "cumsum",
+        "[sum(v[0..i + 1]) for i in 0..len(v)]",
+        "let a = [sum(v[0..i + 1]) for i in 0..len(v)]",
+    ),
+    ("let a = prod([1, 2])", "prod", "exp(sum(log([1, 2])))", "let a = exp(sum(log([1, 2])))"),
+    ("let a = reversed(v)", "reversed", "[v[-1 - i] for i in 0..len(v)]", "let a = [v[-1 - i] for i in 0..len(v)]"),
+    ("let a = outer(v, v)", "outer", "[[a * b for b in v] for a in v]", "let a = [[a * b for b in v] for a in v]"),
+    (
+        "let a = np.eye(3)",
+        "np",
+        "[[if i == j then 1 else 0 for j in 0..3] for i in 0..3]",
+        "let a = [[if i == j then 1 else 0 for j in 0..3] for i in 0..3]",
+    ),
+    ("let a = any_of([c, d])", "any_of", "any", "let a = any([c, d])"),
+    ("let a = all_of([c, d])", "all_of", "all", "let a = all([c, d])"),
+    ("let a = maximum(size, 2)", "maximum", "max", "let a = max(size, 2)"),
+    ("let a = fabs(size)", "fabs", "abs", "let a = abs(size)"),
+    ("let a = sgn(size)", "sgn", "sign", "let a = sign(size)"),
+    ("let a = sorted(v)", "sorted", "sort", "let a = sort(v)"),
+    ("let a = normalise(v)", "normalise", "normalize", "let a = normalize(v)"),
+    ("let a = magnitude(v)", "magnitude", "norm", "let a = norm(v)"),
+    ("let max = 3\nlet a = v.max()", "max", "max(v)", "let max = 3\nlet a = max(v)"),
+    // Statements in another shape.
+    ("optimize fit, steps: 3", ", steps: 3", "optimize fit { steps: 3 }", "optimize fit { steps: 3 }"),
+    ("optimize(fit, steps=3)", "(", "optimize fit { steps: 3 }", "optimize fit { steps: 3 }"),
+    ("optimize fit for 3 steps", "for 3 steps", "optimize fit { steps: 3 }", "optimize fit { steps: 3 }"),
+    (
+        "optimize fit over size { steps: 3 }",
+        "over size",
+        "optimize fit { over: [size], steps: 3 }",
+        "optimize fit { over: [size], steps: 3 }",
+    ),
+    ("plot v, title=\"a\"", "title=\"a\"", "plot v { title: \"a\" }", "plot v { title: \"a\" }"),
+    ("expect size == 1: \"one\"", ":", "expect size == 1, \"one\"", "expect size == 1, \"one\""),
+    ("import studio from \"std\"", "studio from \"std\"", "import std.studio as studio", "import std.studio as studio"),
+    ("save render(eye) > \"a.png\"", ">", "save render(eye) to \"a.png\"", "save render(eye) to \"a.png\""),
+    ("save(\"a.png\", render(eye))", ",", "save render(eye) to \"a.png\"", "save render(eye) to \"a.png\""),
+    ("render(eye).save(\"a.png\")", "render", "save render(eye) to \"a.png\"", "save render(eye) to \"a.png\""),
+    ("console.log(size)", "console", "print size", "print size"),
+    (
+        "sweep rate in 0.1, 0.01 { optimize fit { using: adam(lr: rate), steps: 3 } }",
+        "0.1, 0.01",
+        "[0.1, 0.01]",
+        "sweep rate in [0.1, 0.01] { optimize fit { using: adam(lr: rate), steps: 3 } }",
+    ),
+    ("f(x) = x * 2", "f", "fn f(x) = x * 2", "fn f(x) = x * 2"),
+    ("fn f(x) {\n  y = x * 2\n  y\n}", "=", "let y = x * 2", "fn f(x) {\n  let y = x * 2\n  y\n}"),
+    ("param float x = 1.0", "float", "param x = 1.0", "param x = 1.0"),
+    ("param x := 1", ":=", "param x = 1", "param x = 1"),
+    ("param p, q = 1, 2", "p, q", "param p = 1 param q = 2", "param p = 1 param q = 2"),
+    (
+        "material m = diffuse { reflectance: 0.5 }",
+        "{",
+        "diffuse(reflectance: 0.5)",
+        "material m = diffuse(reflectance: 0.5)",
+    ),
+    ("let a = size.value", "value", "size", "let a = size"),
+    ("let a = eye.film.width", "width", "x", "let a = eye.film.x"),
+    ("let g = gradient(fit, size)", "fit", "grad(fit, size)", "let g = grad(fit, size)"),
     // One cause, one error.
     ("let a = mix(a: 1, 2, 0.5)", "2", "b: 2", "let a = mix(a: 1, b: 2, t: 0.5)"),
     (
@@ -418,6 +620,27 @@ const ONE_CAUSE: &[(&str, &str)] = &[
         "sweep goal in [2, 3] { loss far = (size - goal) ^ 2  optimize far { steps: 5 } }",
         "loss far = (size - goal) ^ 2",
     ),
+    ("let a = foo + 1\nlet b = foo + 2\nlet f = foo * 3", "foo"),
+    ("let a = cuve()\nlet b = cuve()", "cuve"),
+    ("fn f(x) = x + foo\nprint f(1), f(v)\nlet a = foo", "foo"),
+    ("import \"nowhere.dscene\"\nprint foo(3), bar\nlet a = foo(4)", "import \"nowhere.dscene\""),
+    ("import { foo, bar } from \"nowhere.dscene\"\nprint foo(3), bar", "{ foo, bar } from \"nowhere.dscene\""),
+    ("let a, b = 1, 2\nprint a, b", "a, b"),
+    ("let a = α + 1\nprint a", "α"),
+    ("param p = \"x\"\nloss q = mean(render(eye)) * p\noptimize q { steps: 3 }", "\"x\""),
+    ("loss q = render(eye)\noptimize q { steps: 3 }", "render(eye)"),
+    ("let a = distance([1, 2], [1, 2, 3])", "[1, 2, 3]"),
+    ("fn f(a: scalar[n], b: scalar[n]) = a + b\nlet a = f([1, 2], [1, 2, 3])", "[1, 2, 3]"),
+    ("let a = mse(render(eye), render(eye), weight: \"a\")", "\"a\""),
+    ("let a = ssim(small, render(eye))", "render(eye)"),
+    ("let a = ms_ssim(small, render(eye))", "render(eye)"),
+    ("let a = flip_error(small, render(eye))", "render(eye)"),
+    ("let a = flip_map(small, render(eye))", "render(eye)"),
+    ("let a = gradient_l1(small, render(eye))", "render(eye)"),
+    ("let a = pyramid_loss(small, render(eye))", "render(eye)"),
+    ("let a = silhouette_iou(small, render(eye))", "render(eye)"),
+    ("let a = guided_variation(small, render(eye))", "render(eye)"),
+    ("let a = ssim(small, small, weight: render(eye))", "ssim(small, small, weight: render(eye))"),
     ("test \"far\" { param far = 3  expect far > size }", "param"),
 ];
 
@@ -432,6 +655,31 @@ fn one_cause_gives_one_error() {
         }
     }
     assert!(failures.is_empty(), "{}", failures.join("\n"));
+}
+
+/// A name that nothing has shows the first places where it stands, in the order of the text, whatever was checked first.
+#[test]
+fn a_name_that_nothing_has_is_told_once() {
+    let script = "let a = b + foo\nlet b = foo + 1\nfn f(x) = x + foo\nprint f(1), f(v), foo\nlet g = foo";
+    let found = errors(script);
+    let [(error, _)] = found.as_slice() else { panic!("{found:?}") };
+    let text = format!("{SCENE}{script}\n");
+    let lines: Vec<usize> =
+        error.labels.iter().map(|l| text[SCENE.len()..l.span.start as usize].lines().count()).collect();
+    let texts: Vec<&str> = error.labels.iter().map(|l| l.text.as_str()).collect();
+    assert_eq!((lines, texts), (vec![1, 2, 3], vec!["not found", "nor here", "nor here, and in 2 more places"]));
+    // Where other arguments ask for other texts to type, each is told.
+    assert_eq!(errors("let a = zeros(3)\nlet b = zeros(4)").len(), 2);
+}
+
+/// `let depth = depth(eye)`: what is no function hides none, whatever it is computed from.
+#[test]
+fn values_hide_no_functions() {
+    for value in ["3", "mean(v) / 2", "-mean(v)", "\"{mean(v)}\"", "mean(v) > 2", "[x for x in v]", "{ a: 1 }", "0..3"]
+    {
+        let found = errors(&format!("let mean = {value}\nlet a = mean(v) + 1\nprint mean, a"));
+        assert!(found.is_empty(), "{value}: {found:?}");
+    }
 }
 
 /// The errors of a script behind the scene.

@@ -1,6 +1,10 @@
 //! Habits from other languages at the place where the parser stopped: which one it is, what proves it, and the text to type.
 //! The spellings themselves stand in [`crate::diag::advice`]; here is what has more to it than one word.
 
+mod declared;
+mod statements;
+mod strings;
+
 use super::scan::{is_reserved, statement_words};
 use super::snippet::{arguments, closing, expression_after, open_bracket, operand_after, operand_before, parts};
 use crate::diag::Diagnostic;
@@ -47,9 +51,12 @@ pub fn find(text: &str, at: usize, declared: &dyn Fn(&str) -> bool) -> Option<Ha
     let at = if begins { sign } else { at };
     let stop = Stop { text, at, declared };
     stop.function()
+        .or_else(|| stop.declaration())
+        .or_else(|| stop.statement())
         .or_else(|| stop.record())
         .or_else(|| stop.word())
         .or_else(|| stop.operator())
+        .or_else(|| stop.beside_a_number())
         .or_else(|| stop.side_by_side())
         .or_else(|| stop.equals())
         .or_else(|| stop.braces())
@@ -91,57 +98,6 @@ impl<'a> Stop<'a> {
 
     fn first(&self) -> &'a str {
         leading_word(self.text.trim_start())
-    }
-
-    /// `def f(x): return x`, `function f(x) { … }`, `let f(x) = x`, `fn f(x) => x`, `fn f(x) -> scalar = x`.
-    fn function(&self) -> Option<Habit> {
-        let first = self.first();
-        let start = self.text.len() - self.text.trim_start().len();
-        let foreign = matches!(first, "def" | "func" | "function" | "fun" | "proc" | "sub");
-        if !foreign && !matches!(first, "fn" | "let") {
-            return None;
-        }
-        let after = self.text.get(start + first.len()..)?;
-        let name = leading_word(after.trim_start());
-        let open = self.text.find('(')?;
-        let between = self.text.get(start + first.len()..open)?.trim();
-        if name.is_empty() || between != name {
-            return None;
-        }
-        let close = closing(self.text, open)?;
-        let parameters = self.text.get(open..=close)?;
-        let mut body = self.text.get(close + 1..)?.trim();
-        // What stands between the parameters and the body.
-        let mut result = String::new();
-        if let Some(rest) = body.strip_prefix("->") {
-            let ty = leading_word(rest.trim_start());
-            result = format!(": {ty}");
-            body = rest.trim_start().get(ty.len()..)?.trim_start();
-        } else if !foreign && first == "fn" && !body.starts_with("=>") {
-            return None;
-        }
-        let wrong = match self.text.get(close + 1..)?.trim_start() {
-            rest if rest.starts_with("->") || rest.starts_with("=>") => {
-                let at = self.text.len() - rest.len();
-                (at, at + 2)
-            }
-            _ => (start, start + first.len()),
-        };
-        body = body
-            .trim_start_matches(['=', '>', ':', '{'])
-            .trim()
-            .trim_end_matches(['}', ';'])
-            .trim()
-            .trim_end_matches(';');
-        body = body.strip_prefix("return ").unwrap_or(body).trim();
-        let body = if body.is_empty() || body.contains(['\n', ';']) { "…" } else { body };
-        let typed = format!("fn {name}{parameters}{result} = {body}");
-        let message = if foreign || first == "let" {
-            format!("`{first}` declares no function")
-        } else {
-            format!("`{}` does not fit here", &self.text[wrong.0..wrong.1])
-        };
-        habit(wrong.0, wrong.1, message, "a function is declared otherwise", format!("write `{typed}`"))
     }
 
     /// Words that stand where this language has none: `return`, `lambda`, `new`, units after a blank.
@@ -246,6 +202,28 @@ impl<'a> Stop<'a> {
         None
     }
 
+    /// `3 pi`, `20 cm`: what stands right behind a number.
+    fn beside_a_number(&self) -> Option<Habit> {
+        let (start, previous) = self.previous();
+        let here = self.here();
+        let number = previous.starts_with(|c: char| c.is_ascii_digit())
+            && previous.bytes().all(|b| b.is_ascii_digit() || b == b'_');
+        let is_beside = start + previous.len() + 1 == self.at
+            && here.starts_with(|c: char| c.is_ascii_alphabetic())
+            && !is_reserved(here);
+        if number && is_beside && !advice::operators().contains(&here) {
+            let digits = operand_before(self.text, self.at);
+            let (label, help) = match here {
+                "m" | "mm" | "cm" | "km" | "inch" | "px" | "s" | "ms" => {
+                    ("not a unit", format!("lengths and times have no unit: `{digits}`"))
+                }
+                _ => ("not an operator", format!("write `{digits} * {}`", operand_after(self.text, self.at))),
+            };
+            return habit(self.at, self.at + here.len(), format!("`{here}` does not fit here"), label, help);
+        }
+        None
+    }
+
     fn operator(&self) -> Option<Habit> {
         // `param x = 1 in 0..2 ~ normal(1, 1)`
         if self.first() == "param"
@@ -265,9 +243,32 @@ impl<'a> Stop<'a> {
                     continue;
                 }
                 let end = start + op.len();
+                let is_part = |c: char| c.is_ascii_alphanumeric() || c == '_';
+                let is_word = op.ends_with(is_part);
+                if is_word && (self.text[..start].ends_with(is_part) || self.text[end..].starts_with(is_part)) {
+                    continue;
+                }
                 // A function's body is all that follows.
-                let behind = if op == "->" { expression_after(self.text, end) } else { operand_after(self.text, end) };
-                let around = Around { before: operand_before(self.text, start), behind, ..Around::default() };
+                let behind = match op {
+                    "->" | "→" | "⇒" => expression_after(self.text, end).to_owned(),
+                    _ => self.operand(end),
+                };
+                let mut around =
+                    Around { before: operand_before(self.text, start), behind: &behind, ..Around::default() };
+                // `++x` begins a line of its own.
+                let begins = self.text[..start].trim_end_matches([' ', '\t']).ends_with('\n');
+                if matches!(op, "++" | "--") && begins {
+                    around = Around { before: &behind, ..Around::default() };
+                }
+                if op == ":=" && matches!(self.first(), "param" | "loss") {
+                    let help = format!("write `{} {} = {behind}`", self.first(), around.before);
+                    return habit(start, end, "there is no operator `:=`", "not an operator", help);
+                }
+                // `"a %d" % n`
+                if op == "%" && around.before.ends_with('"') {
+                    let help = format!("a string holds values in braces: `\"… {{{behind}}}\"`");
+                    return habit(start, end, "there is no operator `%` of texts", "not an operator", help);
+                }
                 let help =
                     advice::help(Place::Operator, op, &around).or_else(|| advice::help(Place::Postfix, op, &around));
                 let Some(help) = help else { continue };
@@ -281,6 +282,15 @@ impl<'a> Stop<'a> {
             }
         }
         None
+    }
+
+    /// The operand behind a sign, in this language's words where it begins with a `!`.
+    fn operand(&self, at: usize) -> String {
+        let rest = self.text.get(at..).unwrap_or("");
+        match rest.trim_start_matches([' ', '\t']).strip_prefix('!').filter(|rest| !rest.starts_with('=')) {
+            Some(negated) => format!("not {}", operand_after(negated, 0)),
+            None => operand_after(self.text, at).to_owned(),
+        }
     }
 
     /// `film: 64, 64`: numbers without brackets as the value of a field or argument.
@@ -327,25 +337,20 @@ impl<'a> Stop<'a> {
             return habit(start, start + left.len(), "a name begins with a letter", "begins with a digit", help);
         }
         if lead.is_empty() {
-            let (base, field) = left.split_once('.').unwrap_or((left, ""));
-            let help = if !field.is_empty() {
-                format!(
-                    "write it into the declaration of `{base}`, or make a changed one: `let changed = {base} with {{ {left}: {right} }}`"
-                )
-            } else if !is_name {
-                return None;
-            } else if (self.declared)(left) {
-                format!("a name keeps its value; give the new one a name of its own: `let {left}2 = {right}`")
-            } else {
-                format!("values are declared: `let {left} = {right}`")
-            };
-            return habit(at, at + 1, message, "not a declaration", help);
+            return habit(at, at + 1, message, "not a declaration", self.assigned(left, right)?);
         }
         let open = open_bracket(self.text, at);
         let begins = lead.ends_with(['(', ',', '{'])
             || lead.len() < self.text.get(..at)?.trim_end().len() - left.len()
                 && open.is_some_and(|(_, b)| b == b'{')
                 && self.text.get(lead.len()..at)?.contains('\n');
+        let in_block =
+            self.first() == "fn" && open.is_some_and(|(at, b)| b == b'{' && self.text[..at].trim_end().ends_with(')'));
+        if is_name && begins && in_block {
+            let right = expression_after(self.text, at + 1);
+            let help = format!("values are declared: `let {left} = {right}`");
+            return habit(at, at + 1, message, "not a declaration", help);
+        }
         if is_name && begins && open.is_some_and(|(_, b)| b != b'[') {
             let help = format!("fields and named arguments have a colon: `{left}: {right}`");
             return habit(at, at + 1, "expected `:`, but found `=`", "expected `:`", help);
@@ -428,6 +433,14 @@ impl<'a> Stop<'a> {
             let typed = format!("if {condition} then {inside} else {}", otherwise.unwrap_or("…"));
             return habit(at, at + 1, "an `if` has no braces", "expected `then`", format!("write `{typed}`"));
         }
+        // `diffuse { reflectance: 0.5 }`
+        let called = operand_before(self.text, at);
+        let is_value = before.strip_suffix(called)?.trim_end().ends_with(['=', ':', '(', ',', '[', '>']);
+        let is_plain = !called.is_empty() && leading_word(called) == called && !is_reserved(called);
+        if is_value && is_plain && self.rest().starts_with('{') && inside.contains(':') && !inside.contains('\n') {
+            let help = format!("write `{called}({inside})`");
+            return habit(at, at + 1, "a call has round brackets", "expected `(`", help);
+        }
         let starts_value = before.ends_with(['=', '(', ',', '[', ':']);
         if !starts_value {
             return None;
@@ -442,68 +455,6 @@ impl<'a> Stop<'a> {
             .collect();
         let help = format!("values side by side are an array: `[{}]`", values.join(", "));
         habit(at, at + 1, "braces hold the fields of a record", "not a value", help)
-    }
-
-    /// `'text'`, `` `text` ``, `f"text"`.
-    fn quotes(&self) -> Option<Habit> {
-        let rest = self.rest();
-        // The parser stops at the end.
-        let saved = self.text.trim().strip_prefix("save").map(str::trim).filter(|s| s.starts_with('"'));
-        if let Some(path) =
-            saved.filter(|path| path.len() > 1 && path.find('"') != path.rfind('"') && !path.contains(" to "))
-        {
-            let start = self.text.len() - self.text.trim_start()["save".len()..].trim_start().len();
-            let help = format!("say what: `save NAME to {path}`");
-            return habit(start, start + path.len(), "what is saved is missing", "where it goes", help);
-        }
-        if let Some(quote) = rest.chars().next().filter(|c| matches!(c, '\'' | '`')) {
-            let end = rest[1..].find(quote)? + 1;
-            let inner = rest.get(1..end)?.replace("${", "{");
-            return habit(
-                self.at,
-                self.at + end + 1,
-                format!("strings have double quotes, not {quote}"),
-                "not a string",
-                format!("write `\"{inner}\"`"),
-            );
-        }
-        let (start, word) = self.previous();
-        if rest.starts_with('"') && start + word.len() == self.at && advice::is_string_prefix(word) {
-            let end = rest.get(1..)?.find('"')? + 2;
-            let help = format!("strings hold values in braces without more ado: `{}`", &rest[..end]);
-            return habit(
-                start,
-                self.at,
-                format!("a string has nothing before it, such as `{word}`"),
-                "leave this out",
-                help,
-            );
-        }
-        if rest.starts_with('"') && self.first() == "expect" && open_bracket(self.text, self.at).is_none() {
-            let condition = self.before().trim_start().get("expect".len()..)?.trim();
-            let help = format!("write `expect {condition}, {}`", rest.trim_end());
-            return habit(self.at, self.at + 1, "expected `,`, but found a string", "expected `,`", help);
-        }
-        let (comma, path) = match rest.strip_prefix(',') {
-            Some(path) => (true, path.trim_start()),
-            None => (false, rest),
-        };
-        if path.starts_with('"')
-            && self.text.trim_start().starts_with("save")
-            && open_bracket(self.text, self.at).is_none()
-        {
-            let value = self.before().trim_start().get(4..)?.trim();
-            let string = operand_after(path, 0);
-            let found = if comma { "`,`" } else { "a string" };
-            return habit(
-                self.at,
-                self.at + 1,
-                format!("expected `to`, but found {found}"),
-                "expected `to`",
-                format!("write `save {value} to {string}`"),
-            );
-        }
-        None
     }
 
     /// `.5`, `1.`, `45 °`, `1,000`, `50 %`.
@@ -570,6 +521,7 @@ impl<'a> Stop<'a> {
         {
             let (items, _) = arguments(self.text, open)?;
             let typed = match (self.first(), items.as_slice()) {
+                ("save", [path, value]) if path.starts_with('"') => format!("save {value} to {path}"),
                 ("save", [value, path]) => format!("save {value} to {path}"),
                 (first, items) => format!("{first} {}", items.join(", ")),
             };
@@ -600,6 +552,7 @@ impl<'a> Stop<'a> {
         {
             let close = closing(self.text, open)?;
             let item = parts(self.text.get(open + 1..close)?).first().copied().unwrap_or("scalar");
+            let item = advice::type_name(item).unwrap_or(item);
             let start = open - list.len();
             return habit(
                 start,
@@ -608,6 +561,12 @@ impl<'a> Stop<'a> {
                 "not a type",
                 format!("an array type is written `{item}[]`"),
             );
+        }
+        if rest.starts_with("..") {
+            let length = if rest.starts_with("..=") { 3 } else { 2 };
+            let to = operand_after(self.text, self.at + length);
+            let help = format!("say where it begins: `0{}{to}`", &rest[..length]);
+            return habit(self.at, self.at + length, "this range has no beginning", "begins nowhere", help);
         }
         if self.before().ends_with("..") && (rest.is_empty() || rest.starts_with([']', ')', '{', ','])) {
             let at = self.before().len() - 2;
@@ -641,9 +600,7 @@ impl<'a> Stop<'a> {
         if rest.starts_with('?') && !rest.starts_with("??") {
             let whole = expression_after(self.text, self.at + 1);
             let start = value_start(self.text, self.at);
-            let condition = self.text.get(start..self.at)?.trim();
-            let (then, otherwise) = whole.split_once(':')?;
-            let typed = format!("if {condition} then {} else {}", then.trim(), otherwise.trim());
+            let typed = chosen(self.text.get(start..self.at)?.trim(), whole)?;
             return habit(
                 self.at,
                 self.at + 1,
@@ -683,6 +640,10 @@ impl<'a> Stop<'a> {
     /// `;`, `|x| x + 1`.
     fn signs(&self) -> Option<Habit> {
         let rest = self.rest();
+        if rest.starts_with('∞') {
+            let help = advice::help(Place::Name, "∞", &Around::default())?;
+            return habit(self.at, self.at + '∞'.len_utf8(), "there is no `∞`", "not a number", help);
+        }
         if rest.starts_with(';') {
             return habit(
                 self.at,
@@ -697,7 +658,12 @@ impl<'a> Stop<'a> {
             && !names.is_empty()
             && names.bytes().all(|b| b.is_ascii_alphanumeric() || b"_, ".contains(&b))
         {
-            let body = expression_after(self.text, self.at + names.len() + 2);
+            let end = self.at + names.len() + 2;
+            let body = expression_after(self.text, end);
+            if body.is_empty() {
+                let help = format!("write `abs({names})`, or `norm({names})` of a vector");
+                return habit(self.at, end, "bars have no meaning here", "not an operand", help);
+            }
             let shown = if names.contains(',') { format!("({names})") } else { names.to_owned() };
             return habit(
                 self.at,
@@ -709,6 +675,32 @@ impl<'a> Stop<'a> {
         }
         None
     }
+}
+
+/// Longest choice that is written anew with those that stand in it.
+const LONGEST_CHOICE: usize = 400;
+
+/// `c ? a : b` as an `if`, with those that stand in it.
+fn chosen(condition: &str, rest: &str) -> Option<String> {
+    if rest.len() > LONGEST_CHOICE {
+        return None;
+    }
+    let mut depth = 0usize;
+    let colon = rest.char_indices().find_map(|(at, c)| {
+        match c {
+            '?' => depth += 1,
+            ':' if depth == 0 => return Some(at),
+            ':' => depth -= 1,
+            _ => {}
+        }
+        None
+    })?;
+    let branch = |text: &str| match text.split_once('?') {
+        Some((condition, rest)) => chosen(condition.trim(), rest),
+        None => Some(text.trim().to_owned()),
+    };
+    let (then, otherwise) = (branch(rest.get(..colon)?)?, branch(rest.get(colon + 1..)?)?);
+    Some(format!("if {condition} then {then} else {otherwise}"))
 }
 
 fn leading_word(text: &str) -> &str {

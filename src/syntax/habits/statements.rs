@@ -1,0 +1,197 @@
+//! Actions and imports as other languages have them: what stands in brackets, behind commas or in another order.
+
+use super::{Habit, Stop, habit, leading_word};
+use crate::syntax::scan::{is_reserved, statement_words};
+use crate::syntax::snippet::{arguments, closing, operand_after, parts};
+
+impl Stop<'_> {
+    /// `optimize fit, steps: 3`, `expect c: "why"`, `import a from "b"`, `plot v, title = "t"`, `f(x) = x`, `image.save("a.png")`.
+    pub fn statement(&self) -> Option<Habit> {
+        match self.first() {
+            "optimize" => self.optimized(),
+            "plot" => self.plotted(),
+            "expect" => self.expected(),
+            "import" => self.imported(),
+            "save" => self.saved_by_a_sign(),
+            "sweep" => self.swept(),
+            word if !word.is_empty() && !statement_words().any(|known| known == word) => self.called(),
+            _ => None,
+        }
+    }
+
+    /// Where the statement's text begins behind its first word.
+    fn behind_first(&self) -> usize {
+        let text = self.text.trim_start();
+        let after = &text[leading_word(text).len()..];
+        self.text.len() - after.trim_start().len()
+    }
+
+    fn optimized(&self) -> Option<Habit> {
+        let start = self.behind_first();
+        let rest = self.text.get(start..)?;
+        let whole = rest.trim_end();
+        let (loss, at, mut fields) = match arguments(self.text, start) {
+            Some((items, close)) if close + 1 == start + whole.len() => {
+                let (loss, fields) = items.split_first()?;
+                (*loss, start, fields.iter().map(|field| named(field)).collect::<Option<Vec<String>>>()?)
+            }
+            _ => {
+                let loss = operand_after(self.text, start);
+                (loss, start + loss.len(), Vec::new())
+            }
+        };
+        let behind = self.text.get(start + loss.len()..)?;
+        let (mut words, braces) = match behind.split_once('{').filter(|_| fields.is_empty()) {
+            Some((words, braces)) => (words.trim(), braces.trim().strip_suffix('}').unwrap_or(braces).trim()),
+            None => (behind.trim(), ""),
+        };
+        if fields.is_empty() {
+            let end = self.text.find('{').unwrap_or(self.text.trim_end().len());
+            let listed = words.strip_prefix(',').map(parts);
+            if let Some(listed) = listed {
+                fields = listed.iter().map(|field| named(field)).collect::<Option<Vec<String>>>()?;
+            }
+            while fields.is_empty() || !words.is_empty() && !words.starts_with(',') {
+                let word = leading_word(words);
+                let value = operand_after(words, word.len());
+                let after = words.get(word.len()..)?.find(value)? + word.len() + value.len();
+                words = words.get(after..)?.trim().trim_start_matches("steps").trim_start();
+                fields.push(match word {
+                    _ if value.is_empty() => return None,
+                    "over" if !value.starts_with('[') => format!("over: [{value}]"),
+                    "with" | "using" => format!("using: {value}"),
+                    "for" | "steps" => format!("steps: {value}"),
+                    "over" => format!("over: {value}"),
+                    _ => return None,
+                });
+            }
+            fields.extend((!braces.is_empty()).then(|| braces.to_owned()));
+            let at = at + self.text.get(at..)?.len() - self.text.get(at..)?.trim_start().len();
+            let end = self.text.get(..end)?.trim_end().len();
+            let help = format!("write `optimize {loss} {{ {} }}`", fields.join(", "));
+            return habit(at, end, "what an optimisation has stands in braces", "expected `{`", help);
+        }
+        let help = format!("write `optimize {loss} {{ {} }}`", fields.join(", "));
+        habit(at, at + 1, "what an optimisation has stands in braces", "expected `{`", help)
+    }
+
+    fn plotted(&self) -> Option<Habit> {
+        let items = parts(self.text.get(self.behind_first()..)?);
+        let first = items.iter().position(|item| named(item).is_some())?;
+        let fields: Vec<String> = items[first..].iter().map(|item| named(item)).collect::<Option<Vec<String>>>()?;
+        if first == 0 || items[..first].iter().any(|item| item.contains('{')) {
+            return None;
+        }
+        let at = self.text.find(items[first])?;
+        let help = format!("write `plot {} {{ {} }}`", items[..first].join(", "), fields.join(", "));
+        habit(at, at + items[first].len(), "what a plot has stands in braces", "expected `{`", help)
+    }
+
+    fn expected(&self) -> Option<Habit> {
+        let why = self.rest().strip_prefix(':')?.trim();
+        let condition = self.before().get(self.behind_first()..)?.trim();
+        let help = format!("write `expect {condition}, {why}`");
+        why.starts_with('"')
+            .then(|| habit(self.at, self.at + 1, "expected `,`, but found `:`", "expected `,`", help))?
+    }
+
+    /// `import studio from "std"`, `import { a, b } from "file"`, `import "file": a, b`.
+    fn imported(&self) -> Option<Habit> {
+        let start = self.behind_first();
+        let rest = self.text.get(start..)?.trim_end();
+        let (names, path) = match rest.split_once(" from ") {
+            Some((names, path)) => (names.trim(), path.trim()),
+            None => rest.split_once("\":").map(|(path, names)| (names.trim(), &rest[..=path.len()]))?,
+        };
+        let path = path.trim_matches(['"', '\'', ';']);
+        let name = Some(names).filter(|names| leading_word(names) == *names);
+        let typed = match (path, name) {
+            ("std", Some(name)) => format!("import std.{name} as {name}"),
+            (_, Some(name)) => format!("import \"{path}\" as {name}"),
+            _ => format!("import \"{path}\""),
+        };
+        let why = if name.is_some() { "write" } else { "all names come with a file: write" };
+        habit(start, start + rest.len(), "an import begins with the file", "not a file", format!("{why} `{typed}`"))
+    }
+
+    /// `save image > "a.png"`
+    fn saved_by_a_sign(&self) -> Option<Habit> {
+        let (value, path) = ["->", ">"].iter().find_map(|sign| self.text.rsplit_once(sign))?;
+        let at = value.len();
+        let (value, path) = (value.get(self.behind_first()..)?.trim(), path.trim());
+        let length = if self.text[at..].starts_with("->") { 2 } else { 1 };
+        let help = format!("write `save {value} to {path}`");
+        path.starts_with('"')
+            .then(|| habit(at, at + length, "expected `to`, but found a sign", "expected `to`", help))?
+    }
+
+    /// `sweep lr in 0.1, 0.01 { … }`
+    fn swept(&self) -> Option<Habit> {
+        let from = self.text.find(" in ")? + 4;
+        let values = self.text.get(from..)?.split('{').next()?.trim_end();
+        let items = parts(values);
+        let is_list = items.len() > 1 && items.iter().all(|item| !item.contains(" in ")) && !values.starts_with('[');
+        let help = format!("write `[{}]`", items.join(", "));
+        is_list
+            .then(|| habit(from, from + values.len(), "the values of a sweep are an array", "several values", help))?
+    }
+
+    /// A statement that begins with a name: `f(x) = x`, `image.save("a.png")`, `console.log(x)`.
+    fn called(&self) -> Option<Habit> {
+        let start = self.text.len() - self.text.trim_start().len();
+        let whole = operand_after(self.text, start);
+        let behind = self.text.get(start + whole.len()..)?.trim();
+        let open = whole.find('(')?;
+        let (path, close) = (whole.get(..open)?, closing(whole, open)?);
+        let name_end = start + leading_word(whole).len();
+        if let Some(body) = behind.strip_prefix('=').filter(|body| !body.starts_with(['=', '>'])) {
+            let is_plain = leading_word(path) == path && !is_reserved(path) && close + 1 == whole.len();
+            let help = format!("a function is declared: `fn {whole} = {}`", body.trim());
+            return (is_plain && !body.trim().is_empty()).then(|| {
+                habit(start, name_end, format!("no statement begins with `{path}`"), "not declared so", help)
+            })?;
+        }
+        if !behind.trim_matches(';').is_empty() {
+            return None;
+        }
+        let message = format!("no statement begins with `{}`", leading_word(whole));
+        let inner = last_dot(whole)?;
+        let method = leading_word(whole.get(inner + 1..)?);
+        let (given, _) = arguments(whole, inner + 1 + method.len())?;
+        let base = whole.get(..inner)?;
+        let typed = match (method, given.as_slice()) {
+            ("save" | "write" | "imwrite" | "savefig", [path]) => format!("save {base} to {path}"),
+            ("log" | "info" | "print" | "println", items)
+                if !items.is_empty() && !base.contains('(') && !(self.declared)(base) =>
+            {
+                format!("print {}", items.join(", "))
+            }
+            _ => return None,
+        };
+        habit(start, name_end, message, "expected a statement here", format!("write `{typed}`"))
+    }
+}
+
+/// The last dot outside of brackets and strings.
+fn last_dot(text: &str) -> Option<usize> {
+    let bytes = text.as_bytes();
+    let (mut at, mut found) = (0, None);
+    while at < bytes.len() {
+        match bytes[at] {
+            b'(' | b'[' | b'{' => at = closing(text, at)?,
+            b'"' => at += text.get(at + 1..)?.find('"')? + 1,
+            b'.' => found = Some(at),
+            _ => {}
+        }
+        at += 1;
+    }
+    found
+}
+
+/// `steps = 3` or `steps: 3` as a field.
+fn named(text: &str) -> Option<String> {
+    let name = leading_word(text);
+    let value = text.get(name.len()..)?.trim_start();
+    let value = value.strip_prefix(':').or_else(|| value.strip_prefix('=').filter(|value| !value.starts_with('=')))?;
+    (!name.is_empty() && !value.trim().is_empty()).then(|| format!("{name}: {}", value.trim()))
+}
