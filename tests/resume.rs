@@ -319,7 +319,8 @@ fn an_error_half_way_leaves_a_run_that_goes_on() {
 #[test]
 fn a_run_that_diverged_keeps_the_last_good_params() {
     let place = Place::new();
-    let script = "param x = 1\nloss l = sqrt(x)\noptimize l { using: sgd(lr: RATE), steps: 5 }\nsave x to \"x.json\"\n";
+    let script =
+        "param x = 1\nloss l = sqrt(sum([x]))\noptimize l { using: sgd(lr: RATE), steps: 5 }\nsave x to \"x.json\"\n";
     // The second step is taken from 0.4, the third would be from below 0.
     place.write("a.dscene", script.replace("RATE", "1.2"));
     assert_diagnosed(&place.dsl(&["run", "a.dscene", "--out", "r"]));

@@ -202,7 +202,7 @@ module.exports = grammar({
     with: ($) => prec.left(BINDS.with, seq($._expression, "with", braced($.replacement))),
     replacement: ($) => seq($.target, ":", field("value", $._expression)),
     target: ($) =>
-      seq($.identifier, repeat(choice(seq(".", $.identifier), seq("[", optional("-"), $.number, "]")))),
+      seq($.identifier, repeat(choice(seq(".", $.identifier), seq("[", choice(seq(optional("-"), $.number), $.identifier), "]")))),
 
     pipe: ($) => prec.left(BINDS.pipe, seq($._expression, "|>", $._expression)),
 

@@ -116,6 +116,7 @@ impl Checker<'_> {
                 &["png", "exr", "hdr", "npy", "json", "txt"]
             }
             Ty::Num(_) => &["npy", "json", "txt"],
+            Ty::Image { channels: Some(n), .. } if *n > 4 => &["npy", "json", "txt"],
             Ty::Image { .. } | Ty::Texture => &["png", "exr", "hdr", "npy", "json", "txt"],
             Ty::Shape | Ty::Light | Ty::Camera { .. } | Ty::Scene => &["glb"],
             Ty::Array(..) | Ty::Tuple(_) if is_of_a_scene(saved) => &["glb", "json", "txt"],
@@ -197,6 +198,7 @@ impl Checker<'_> {
     }
 
     fn optimize(&mut self, o: &ast::Optimize) -> hir::Optimize {
+        let errors = self.error_count();
         let loss = self.expr(&o.loss, None).expr;
         if !loss.ty.is_unknown() && !loss.ty.is_scalar() {
             let help = match loss.ty {
@@ -257,6 +259,9 @@ impl Checker<'_> {
             }
             let actions = every.actions.iter().map(|a| self.action(a)).collect();
             out.every.push(hir::Every { steps: steps.expr, actions, span: every.span });
+        }
+        if self.error_count() == errors {
+            self.check_schedules(o);
         }
         out
     }
@@ -330,6 +335,13 @@ impl Checker<'_> {
             ast::ExprKind::Array(items) => items.as_slice(),
             _ => std::slice::from_ref(value),
         };
+        if items.is_empty() {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::param", "`over` needs at least one param")
+                    .label(value.span, "nothing would move")
+                    .help("name what moves; without `over` all params move that reach the loss"),
+            );
+        }
         items.iter().filter_map(|item| self.wrt(item).map(|(target, _)| (target, item.span))).collect()
     }
 }

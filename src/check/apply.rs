@@ -127,6 +127,18 @@ impl Checker<'_> {
         }
     }
 
+    /// What the arguments of a known function are called; of one of several, what those of all are.
+    fn names_of(&mut self, function: &Function) -> Option<Vec<String>> {
+        match function {
+            Function::Lambda { params, .. } => Some(params.iter().map(|p| p.text.clone()).collect()),
+            Function::Declared(id) => Some(self.signature(*id)?.params.iter().map(|p| p.name.clone()).collect()),
+            Function::OneOf(all) => {
+                let first = self.names_of(all.first()?)?;
+                all.iter().all(|one| self.names_of(one).as_ref() == Some(&first)).then_some(first)
+            }
+        }
+    }
+
     /// The arguments in the order of the parameters, where they are named and the names are known.
     fn by_position<'a>(&mut self, callee: &Typed, given: &[Given<'a>]) -> Vec<&'a ast::Expr> {
         let positional: Vec<&ast::Expr> = given.iter().map(|g| g.value).collect();
@@ -135,10 +147,7 @@ impl Checker<'_> {
             return positional;
         }
         let names: Option<Vec<String>> = match &callee.value {
-            Some(Const::Function(f)) => match &**f {
-                Function::Lambda { params, .. } => Some(params.iter().map(|p| p.text.clone()).collect()),
-                _ => None,
-            },
+            Some(Const::Function(f)) => self.names_of(f),
             _ => None,
         };
         let Some(names) = names else {
@@ -179,6 +188,22 @@ impl Checker<'_> {
             {
                 self.report_twice(name, callee.expr.span);
             }
+        }
+        // One of several functions may have a default where another has none.
+        let first_gap = slots.iter().position(Option::is_none).unwrap_or(slots.len());
+        if slots[first_gap..].iter().any(Option::is_some) {
+            self.diagnostics.push(
+                Diagnostic::error(
+                    "dscene::call::unknown_argument",
+                    format!(
+                        "which function this is, and so what `{}` is without being given, is not known",
+                        names[first_gap]
+                    ),
+                )
+                .label(named.span, "named here")
+                .help(format!("give `{}` too", names[first_gap])),
+            );
+            return positional;
         }
         slots.into_iter().flatten().collect()
     }

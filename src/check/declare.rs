@@ -356,7 +356,8 @@ impl Checker<'_> {
             let local = self.new_local(&param.name.text, declared.sig.ty(), None);
             let spread = matches!(declared.sig, Sig::Color).then(|| vec![3]);
             let (name, takes) = (param.name.text.clone(), declared.sig.clone());
-            params.push(hir::FnParam { name, local, span: param.name.span, takes, spread, default });
+            let domain = declared.domain;
+            params.push(hir::FnParam { name, local, span: param.name.span, takes, domain, spread, default });
         }
         let mut typed = self.expr(body, signature.result.as_ref());
         let mut result_ty = typed.expr.ty.clone();

@@ -137,12 +137,18 @@ impl Checker<'_> {
             self.report_argument(&sig, name, &found, site);
         }
         self.check_count(&sig, name, &found.expr);
-        found.expr
+        let expr = found.expr.clone();
+        if let Some(signature) = self.signature(id) {
+            let own = |p: &super::modules::SigParam| (p.name == name).then(|| found.clone());
+            let all: Vec<Option<Typed>> = signature.params.iter().map(own).collect();
+            self.check_domains(&signature, &all, site);
+        }
+        expr
     }
 
     /// Checks a target: a param or a numeric field of a declaration.
     pub fn wrt(&mut self, e: &ast::Expr) -> Option<(hir::Target, Ty)> {
-        let Some(path) = path_of(e) else {
+        let Some(path) = self.path_of(e) else {
             self.diagnostics.push(
                 Diagnostic::error("dscene::type::param", "derivatives are taken with respect to a param or a field")
                     .label(e.span, "neither a param nor a field")
@@ -181,28 +187,23 @@ impl Checker<'_> {
     }
 }
 
-/// `a.b.c` as names.
-fn path_of(e: &ast::Expr) -> Option<Vec<ast::Name>> {
-    match &e.kind {
-        ast::ExprKind::Name(name) => Some(vec![ast::Name { text: name.clone(), span: e.span }]),
-        ast::ExprKind::Member { base, name } => {
-            let mut path = path_of(base)?;
-            path.push(name.clone());
-            Some(path)
+impl Checker<'_> {
+    /// `a.b.c[i]` as names, with the indices as numbers, which have to be known before a run.
+    fn path_of(&mut self, e: &ast::Expr) -> Option<Vec<ast::Name>> {
+        match &e.kind {
+            ast::ExprKind::Name(name) => Some(vec![ast::Name { text: name.clone(), span: e.span }]),
+            ast::ExprKind::Member { base, name } => {
+                let mut path = self.path_of(base)?;
+                path.push(name.clone());
+                Some(path)
+            }
+            ast::ExprKind::Index { base, index } => {
+                let mut path = self.path_of(base)?;
+                let at = self.expr(index, None).value?.number()?;
+                path.push(ast::Name { text: format!("[{at}]"), span: index.span });
+                Some(path)
+            }
+            _ => None,
         }
-        ast::ExprKind::Index { base, index } => {
-            let mut path = path_of(base)?;
-            let at = match &index.kind {
-                ast::ExprKind::Number(x) => *x,
-                ast::ExprKind::Unary { op: hir::UnaryOp::Neg, operand } => match operand.kind {
-                    ast::ExprKind::Number(x) => -x,
-                    _ => return None,
-                },
-                _ => return None,
-            };
-            path.push(ast::Name { text: format!("[{at}]"), span: index.span });
-            Some(path)
-        }
-        _ => None,
     }
 }

@@ -1,18 +1,26 @@
-//! Finds params that are passed unchanged to an input of the library with a limited domain (`roughness: scalar in 0..1`). They have to
-//! stay in that domain, or the next step of an optimisation cannot be evaluated.
+//! Inputs of the library with a limited domain (`roughness: scalar in 0..1`) to which params are passed. They have to stay in that domain, or
+//! the next step of an optimisation cannot be evaluated.
 
-use std::collections::{BTreeMap, HashMap, HashSet};
+use std::collections::BTreeMap;
 
-use super::flow::{children, walk};
+use super::counts::is_frozen;
+use super::flow::{reaching_params, walk};
 use super::hir::*;
-use super::record::written_field;
+use super::inputs;
 use super::types::Ty;
 use crate::diag::Diagnostic;
 
 /// An input of the library to which a param is passed, with its domain.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reached {
+    /// Where the numbers of the param have a meaning: the domain of the input, as seen through `line`.
     pub domain: Domain,
+    /// The domain of the input itself.
+    pub input: Domain,
+    /// What the input has of a number of the param.
+    pub line: Line,
+    /// Whether the input's slope is infinite at the ends of its domain, which are then not reached either.
+    pub is_steep: bool,
     /// The part of the param that is passed.
     pub part: Part,
     /// `conductor` and `roughness`.
@@ -20,48 +28,317 @@ pub struct Reached {
     pub argument: String,
 }
 
-/// A part of a param.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Part {
-    Whole,
-    /// One element along the first axis.
-    Item(usize),
-    /// Some elements along the last axis.
-    Components(Vec<usize>),
+/// Angles come no nearer to an end that does not belong to their domain.
+const ANGLE_MARGIN: f64 = 0.1 * std::f64::consts::PI / 180.0;
+/// Other numbers keep this fraction of the distance from such an end at which they start.
+const MARGIN: f64 = 1e-3;
+
+impl Reached {
+    /// Whether the input has a meaning with this number of the param.
+    pub fn contains(&self, x: f64) -> bool {
+        self.input.contains(self.line.at(x))
+    }
+
+    /// The least and the greatest number that the param may go to from where it starts. An end that does not belong to the domain is come near
+    /// to, not reached.
+    pub fn limits(&self, start: f64) -> (f64, f64) {
+        let (Domain { low, high, above_low, below_high, angle }, from) = (self.input, self.line.at(start));
+        let margin = |distance: f64| if angle { ANGLE_MARGIN.min(distance / 2.0) } else { MARGIN * distance };
+        let low = if above_low || self.is_steep { low + margin(from - low) } else { low };
+        let high = if below_high || self.is_steep { high - margin(high - from) } else { high };
+        let (low, high) =
+            (if low.is_nan() { -f64::INFINITY } else { low }, if high.is_nan() { f64::INFINITY } else { high });
+        let fits = |x: f64| (low..=high).contains(&self.line.at(x));
+        let mut ends = [self.line.back(low), self.line.back(high)];
+        if self.line.falls() {
+            ends.swap(0, 1);
+        }
+        // The ends are rounded, and so is what the input has of them.
+        for _ in 0..ROUNDINGS {
+            if ends[0].is_finite() && !fits(ends[0]) {
+                ends[0] = ends[0].next_up();
+            }
+            if ends[1].is_finite() && !fits(ends[1]) {
+                ends[1] = ends[1].next_down();
+            }
+        }
+        (ends[0].min(start), ends[1].max(start))
+    }
+
+    /// The same input of a param of which a part goes there along a line; `angle` if the param is one.
+    pub fn through(&self, part: Part, line: Line, angle: bool) -> Reached {
+        Reached { domain: line.domain(self.input, angle), part, line, ..self.clone() }
+    }
+
+    /// As a note tells it: "`x` stays positive: it is the `radius` of `sphere`".
+    pub fn told(&self, name: &str) -> String {
+        let (argument, function, domain) = (&self.argument, &self.function, self.domain);
+        if self.line.is_same() {
+            return format!("`{name}` stays {domain}: it is the `{argument}` of `{function}`");
+        }
+        format!("`{name}` stays {domain}, so that the `{argument}` of `{function}` is {}", self.input)
+    }
+
+    /// The note for a param that starts where the input has no meaning.
+    pub fn told_outside(&self, name: &str, start: f64) -> (String, Option<String>) {
+        let shown =
+            |x: f64| if self.domain.angle { format!("{}deg", round(x.to_degrees())) } else { round(x).to_string() };
+        let (argument, function) = (&self.argument, &self.function);
+        let message = format!(
+            "`{name}` starts at {}, with which the `{argument}` of `{function}` is not {}",
+            shown(start),
+            self.input
+        );
+        (message, self.domain.nearest(start))
+    }
+}
+
+/// Most roundings that are made up for, one unit in the last place each.
+const ROUNDINGS: usize = 8;
+
+/// To what people read.
+fn round(x: f64) -> f64 {
+    // No -0.
+    format!("{x:.13e}").parse().unwrap_or(x) + 0.0
+}
+
+/// A straight line: known numbers that are added to a number and that it is multiplied with, in the order in which a program does that.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Line(Vec<Move>);
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Move {
+    Add(f64),
+    Times(f64),
+    Over(f64),
+}
+
+impl Line {
+    /// Longer ones are not followed.
+    const MOST: usize = 16;
+
+    pub fn is_same(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// What becomes of a number.
+    pub fn at(&self, x: f64) -> f64 {
+        self.0.iter().fold(x, |x, step| match step {
+            Move::Add(c) => x + c,
+            Move::Times(c) => x * c,
+            Move::Over(c) => x / c,
+        })
+    }
+
+    /// Of what number this becomes.
+    fn back(&self, y: f64) -> f64 {
+        self.0.iter().rev().fold(y, |y, step| match step {
+            Move::Add(c) => y - c,
+            Move::Times(c) => y / c,
+            Move::Over(c) => y * c,
+        })
+    }
+
+    /// Whether it is the smaller, the larger the number is.
+    fn falls(&self) -> bool {
+        let is_negative = |step: &&Move| matches!(step, Move::Times(c) | Move::Over(c) if *c < 0.0);
+        self.0.iter().filter(is_negative).count() % 2 == 1
+    }
+
+    pub fn plus(&self, c: f64) -> Option<Line> {
+        self.then(Move::Add(c), c.is_finite())
+    }
+
+    pub fn times(&self, c: f64) -> Option<Line> {
+        self.then(Move::Times(c), c.is_finite() && c != 0.0)
+    }
+
+    pub fn over(&self, c: f64) -> Option<Line> {
+        self.then(Move::Over(c), c.is_finite() && c != 0.0)
+    }
+
+    fn then(&self, step: Move, has_slope: bool) -> Option<Line> {
+        (has_slope && self.0.len() < Line::MOST).then(|| Line(self.0.iter().copied().chain([step]).collect()))
+    }
+
+    /// Where a number has to lie for what becomes of it to lie in a domain; `angle` if the number is one.
+    fn domain(&self, of: Domain, angle: bool) -> Domain {
+        if self.is_same() {
+            return of;
+        }
+        let (a, b) = (round(self.back(of.low)), round(self.back(of.high)));
+        match self.falls() {
+            false => Domain { low: a, high: b, angle, ..of },
+            true => Domain { low: b, high: a, above_low: of.below_high, below_high: of.above_low, angle },
+        }
+    }
+}
+
+/// A part of a param: what is taken along its axes, from the first one on, and which components along the last one.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Part {
+    along: Vec<Taken>,
+    components: Option<Vec<usize>>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Taken {
+    /// One element; those that are negative count from the end.
+    Item(i64),
+    /// Some element, which is only known at run time.
+    Any,
+    /// From an element to before another one, or to the last.
+    Slice(usize, Option<usize>),
+    /// One of these.
+    OneOf(usize, Option<usize>),
 }
 
 impl Part {
+    pub fn is_whole(&self) -> bool {
+        *self == Part::default()
+    }
+
     /// Whether the number at a flat index of a param with that shape belongs to the part.
     pub fn contains(&self, shape: &[usize], at: usize) -> bool {
-        match self {
-            Part::Whole => true,
-            Part::Item(i) => at / shape.iter().skip(1).product::<usize>().max(1) == *i,
-            Part::Components(which) => shape.last().is_some_and(|n| which.contains(&(at % n))),
+        let mut rest = at;
+        let mut place = vec![0; shape.len()];
+        for (axis, n) in shape.iter().enumerate().rev() {
+            (place[axis], rest) = (rest % n.max(&1), rest / n.max(&1));
         }
+        let is_taken = |(axis, taken): (usize, &Taken)| match (taken, place.get(axis)) {
+            (_, None) | (Taken::Any, _) => true,
+            (Taken::Item(i), Some(at)) => {
+                if *i < 0 {
+                    i + shape[axis] as i64 == *at as i64
+                } else {
+                    *i == *at as i64
+                }
+            }
+            (Taken::Slice(from, to) | Taken::OneOf(from, to), Some(at)) => {
+                (*from..to.unwrap_or(usize::MAX)).contains(at)
+            }
+        };
+        // What was spread over components has none of its own.
+        let components = self.components.as_ref().filter(|_| self.along.len() < shape.len());
+        self.along.iter().enumerate().all(is_taken)
+            && components.is_none_or(|which| place.last().is_some_and(|at| which.contains(at)))
+    }
+
+    /// What is taken of the part, along its first axis; `None` if it is not certain which elements that has.
+    pub fn take(&self, taken: Taken) -> Option<Part> {
+        if self.components.is_some() {
+            return None;
+        }
+        let mut along = self.along.clone();
+        match along.iter_mut().find(|taken| matches!(taken, Taken::Slice(..))) {
+            None => along.push(taken),
+            Some(slice) => {
+                let Taken::Slice(from, to) = *slice else { return None };
+                let within = |i: usize| to.map_or(from + i, |to| (from + i).min(to));
+                *slice = match taken {
+                    Taken::Item(i) => Taken::Item((from + usize::try_from(i).ok()?) as i64),
+                    Taken::Any => Taken::OneOf(from, to),
+                    Taken::Slice(a, b) => Taken::Slice(within(a), b.map(within).or(to)),
+                    Taken::OneOf(..) => return None,
+                };
+            }
+        }
+        Some(Part { along, components: None })
+    }
+
+    /// Some of its components, along the last axis.
+    pub fn swizzle(&self, which: &[usize]) -> Option<Part> {
+        let components = match &self.components {
+            None => which.to_vec(),
+            Some(old) => which.iter().map(|i| old.get(*i).copied()).collect::<Option<_>>()?,
+        };
+        Some(Part { components: Some(components), ..self.clone() })
     }
 }
 
-/// Most calls and expressions that are searched: functions that call functions could otherwise take exponential time.
-const MOST: usize = 200_000;
+/// By param: the domains of the inputs to which it is passed, unchanged or along a straight line, through names, functions, textures,
+/// arrays and their parts.
+pub fn domains(program: &Program) -> BTreeMap<DeclId, Vec<Reached>> {
+    inputs::of_params(program)
+}
+
+/// What a run will note of the params that its optimisations move: inside of what it keeps them, as far as that is known before.
+pub fn kept_inside(program: &Program) -> Vec<Diagnostic> {
+    let reached = domains(program);
+    let mut seen = Vec::new();
+    for action in &program.actions {
+        let Action::Optimize(o) = action else { continue };
+        let over = o.over.iter().chain(o.stages.iter().filter_map(|stage| stage.over.as_ref())).flatten();
+        let mut moved: Vec<DeclId> =
+            over.filter(|(target, _)| target.path.is_empty()).map(|(target, _)| target.decl).collect();
+        if o.over.is_none() {
+            moved.extend(reaching_params(program, &o.loss));
+        }
+        for id in moved {
+            if !seen.contains(&id) {
+                seen.push(id);
+            }
+        }
+    }
+    seen.sort();
+    seen.into_iter().flat_map(|id| notes_of(program, id, reached.get(&id).map_or(&[], Vec::as_slice))).collect()
+}
+
+/// The notes on a param that moves.
+fn notes_of(program: &Program, id: DeclId, all: &[Reached]) -> Vec<Diagnostic> {
+    let decl = program.decl(id);
+    let (DeclKind::Param(param), Some(initial)) = (&decl.kind, &decl.body) else { return Vec::new() };
+    let is_of_numbers = decl.ty != Ty::Rotation && param.space.is_none() && param.prior.is_none();
+    if !is_of_numbers || is_frozen(param) {
+        return Vec::new();
+    }
+    let mut starts = Vec::new();
+    literals(initial, &mut starts);
+    // A bound that is not a number in the script may be any.
+    let is_outside = |end: Option<&Expr>, reached: &Reached| {
+        let mut numbers = Vec::new();
+        end.iter().for_each(|end| literals(end, &mut numbers));
+        end.is_none() || numbers.iter().any(|x| !reached.contains(*x))
+    };
+    let bounds = param.bounds.as_ref();
+    let (low, high) = (bounds.and_then(|b| b.low.as_ref()), bounds.and_then(|b| b.high.as_ref()));
+    let mut told: Vec<(&Reached, Diagnostic)> = Vec::new();
+    for reached in all {
+        let domain = reached.domain;
+        let outside = starts.iter().find(|x| starts.len() == 1 && !reached.contains(**x));
+        let (message, help) = match outside {
+            Some(x) => reached.told_outside(&decl.name, *x),
+            None if domain.low.is_finite() && is_outside(low, reached)
+                || domain.high.is_finite() && is_outside(high, reached) =>
+            {
+                (
+                    reached.told(&decl.name),
+                    (reached.part.is_whole() && !reached.is_steep).then(|| domain.bounds()).flatten(),
+                )
+            }
+            None => continue,
+        };
+        let is_known = |(before, note): &(&Reached, Diagnostic)| {
+            note.message == message || (before.domain, &before.part) == (domain, &reached.part)
+        };
+        if !told.iter().any(is_known) {
+            let help = match outside {
+                Some(_) => help,
+                None => help.map(|bounds| format!("`param {} = … in {bounds}` says so in the script", decl.name)),
+            };
+            let label = if outside.is_some() { "starts here" } else { "is kept inside" };
+            let place = if outside.is_some() { initial.span } else { decl.name_span };
+            told.push((
+                reached,
+                Diagnostic::advice("dscene::type::bounds", message).label(place, label).help_opt(help),
+            ));
+        }
+    }
+    told.into_iter().map(|(_, note)| note).collect()
+}
+
 /// Longest chain of names that stand for other names.
 const DEEPEST: usize = 100;
-
-/// By param: the domains of the inputs to which it is passed unchanged, through names, functions, textures, arrays and their parts.
-pub fn domains(program: &Program) -> BTreeMap<DeclId, Vec<Reached>> {
-    let mut walk =
-        Walk { program, found: BTreeMap::new(), locals: HashMap::new(), seen: HashSet::new(), left: MOST, depth: 0 };
-    for id in program.ids().filter(|id| program.decl(*id).user) {
-        if let Some(body) = &program.decl(id).body {
-            walk.visit(body);
-        }
-    }
-    for action in &program.actions {
-        if let Action::Optimize(o) = action {
-            walk.visit(&o.loss);
-        }
-    }
-    walk.found
-}
 
 /// The domain of a field (`lamp.radiance`, `ball.material.reflectance`), which is that of the constructor's argument.
 pub fn domain_of_field(program: &Program, target: &Target) -> Option<Reached> {
@@ -71,12 +348,25 @@ pub fn domain_of_field(program: &Program, target: &Target) -> Option<Reached> {
         match &body.kind {
             ExprKind::Decl(id) => body = program.decl(*id).body.as_deref()?,
             ExprKind::Call(call) => {
-                let Callee::Native(id) = call.callee else { return None };
-                let DeclKind::Native(native) = &program.decl(id).kind else { return None };
+                let native = match call.callee {
+                    Callee::Native(id) => match &program.decl(id).kind {
+                        DeclKind::Native(native) => native,
+                        _ => return None,
+                    },
+                    // What a function makes has the fields of what it calls for that.
+                    Callee::Decl(id) => match &program.decl(id).kind {
+                        DeclKind::Fn(f) => {
+                            body = &f.body;
+                            continue;
+                        }
+                        _ => return None,
+                    },
+                    Callee::Value(_) => return None,
+                };
                 let (name, rest) = path.split_first()?;
                 let index = native.params.iter().position(|p| p.name == *name)?;
                 if rest.is_empty() {
-                    return domain(native, &native.params[index], Part::Whole);
+                    return inputs::of_native(native, &native.params[index]);
                 }
                 (body, path) = (call.args.get(index)?.as_ref()?, rest);
             }
@@ -123,214 +413,4 @@ fn literals(e: &Expr, out: &mut Vec<f64>) {
         ExprKind::Broadcast { value, .. } => literals(value, out),
         _ => {}
     }
-}
-
-fn domain(native: &NativeDecl, param: &NativeParam, part: Part) -> Option<Reached> {
-    let domain = param.domain?;
-    Some(Reached { domain, part, function: native.name.clone(), argument: param.name.clone() })
-}
-
-/// A param, or part of one, that an expression equals.
-type Source = (DeclId, Part);
-
-struct Walk<'p> {
-    program: &'p Program,
-    found: BTreeMap<DeclId, Vec<Reached>>,
-    locals: HashMap<LocalId, Vec<Source>>,
-    /// Functions that were already searched with no param among their arguments.
-    seen: HashSet<DeclId>,
-    left: usize,
-    depth: usize,
-}
-
-impl<'p> Walk<'p> {
-    /// Collects the domains of the inputs in an expression's calls.
-    fn visit(&mut self, e: &'p Expr) {
-        let Some(left) = self.left.checked_sub(1) else { return };
-        self.left = left;
-        self.bind(e);
-        if let ExprKind::Call(call) = &e.kind {
-            match &call.callee {
-                Callee::Native(id) => self.note(*id, call),
-                Callee::Decl(id) => self.enter(*id, call),
-                Callee::Value(_) => {}
-            }
-        }
-        if let ExprKind::With { replacements, .. } = &e.kind {
-            for r in replacements {
-                if let Some(domain) = domain_of_field(self.program, &r.target) {
-                    let sources = self.sources(&r.value);
-                    self.record(sources, &domain);
-                }
-            }
-        }
-        children(e, &mut |child| self.visit(child));
-    }
-
-    fn note(&mut self, id: DeclId, call: &'p Call) {
-        let program = self.program;
-        let DeclKind::Native(native) = &program.decl(id).kind else { return };
-        for (param, arg) in native.params.iter().zip(&call.args) {
-            if let (Some(arg), Some(mut domain)) = (arg, domain(native, param, Part::Whole)) {
-                if domain.function == "camera" && domain.domain.angle && !sees_around(native, call) {
-                    // A perspective projection sees less than 180°.
-                    domain.domain.high = domain.domain.high.min(std::f64::consts::PI);
-                    domain.domain.below_high = true;
-                }
-                let sources = self.sources(arg);
-                self.record(sources, &domain);
-            }
-        }
-    }
-
-    fn record(&mut self, sources: Vec<Source>, domain: &Reached) {
-        for (param, part) in sources {
-            let found = self.found.entry(param).or_default();
-            let domain = Reached { part, ..domain.clone() };
-            if !found.contains(&domain) {
-                found.push(domain);
-            }
-        }
-    }
-
-    /// Searches the body of a function, given the params that its arguments equal.
-    fn enter(&mut self, id: DeclId, call: &'p Call) {
-        let program = self.program;
-        let DeclKind::Fn(f) = &program.decl(id).kind else { return };
-        let params_among = self.bind_arguments(f, call);
-        if self.depth < DEEPEST && (params_among || self.seen.insert(id)) {
-            self.depth += 1;
-            self.visit(&f.body);
-            self.depth -= 1;
-        }
-    }
-
-    fn bind_arguments(&mut self, f: &'p FnDecl, call: &'p Call) -> bool {
-        let mut any = false;
-        for (i, param) in f.params.iter().enumerate() {
-            let arg = call.args.get(i).and_then(Option::as_ref).or(param.default.as_ref());
-            let sources = arg.map_or_else(Vec::new, |arg| self.sources(arg));
-            any |= !sources.is_empty();
-            self.locals.insert(param.local, sources);
-        }
-        any
-    }
-
-    /// Binds the local names of an expression to the params that they equal.
-    fn bind(&mut self, e: &'p Expr) {
-        match &e.kind {
-            ExprKind::Let { local, value, .. } => {
-                let sources = self.sources(value);
-                self.locals.insert(*local, sources);
-            }
-            ExprKind::Comprehension(c) => {
-                for clause in &c.clauses {
-                    // A loop variable takes the value of every item.
-                    let sources = self.sources(&clause.items);
-                    if let [one] = clause.locals[..] {
-                        self.locals.insert(one, sources);
-                    }
-                }
-            }
-            _ => {}
-        }
-    }
-
-    /// The params, or parts of params, that an expression equals.
-    fn sources(&mut self, e: &'p Expr) -> Vec<Source> {
-        let Some(left) = self.left.checked_sub(1).filter(|_| self.depth < DEEPEST) else { return Vec::new() };
-        self.left = left;
-        self.depth += 1;
-        let found = self.sources_inner(e);
-        self.depth -= 1;
-        found
-    }
-
-    fn sources_inner(&mut self, e: &'p Expr) -> Vec<Source> {
-        let program = self.program;
-        match &e.kind {
-            ExprKind::Decl(id) => match (&program.decl(*id).kind, &program.decl(*id).body) {
-                (DeclKind::Param(_), _) => vec![(*id, Part::Whole)],
-                (_, Some(body)) => self.sources(body),
-                _ => Vec::new(),
-            },
-            ExprKind::Local(id) => self.locals.get(id).cloned().unwrap_or_default(),
-            ExprKind::Broadcast { value, .. } => self.sources(value),
-            ExprKind::Array(items) => items.iter().flat_map(|item| self.sources(item)).collect(),
-            ExprKind::If { then, otherwise, .. } => {
-                let mut found = self.sources(then);
-                found.extend(self.sources(otherwise));
-                found
-            }
-            ExprKind::Let { body, .. } | ExprKind::With { body, .. } => {
-                self.bind(e);
-                self.sources(body)
-            }
-            ExprKind::Comprehension(c) => {
-                self.bind(e);
-                self.sources(&c.element)
-            }
-            ExprKind::Index { base, index } => {
-                if let (ExprKind::Array(items), ExprKind::Number(i)) = (&base.kind, &index.kind) {
-                    return items.get(*i as usize).map_or_else(Vec::new, |item| self.sources(item));
-                }
-                let part = match index.kind {
-                    ExprKind::Number(i) if i >= 0.0 => Part::Item(i as usize),
-                    // The index is known only at run time, so any element may be meant.
-                    _ => Part::Whole,
-                };
-                within(self.sources(base), &part)
-            }
-            ExprKind::Field { base, name } if matches!(base.ty, Ty::Num(_) | Ty::Image { .. }) => {
-                match components(name) {
-                    Some(which) => within(self.sources(base), &Part::Components(which)),
-                    None => Vec::new(),
-                }
-            }
-            ExprKind::Field { base, name } if matches!(base.ty, Ty::Record(_)) => {
-                let written = written_field(base, name, |id| program.decl(id).body.as_deref());
-                written.map_or_else(Vec::new, |value| self.sources(value))
-            }
-            ExprKind::Field { base, name } if name == "texels" => self.sources(base),
-            ExprKind::Call(call) => match &call.callee {
-                Callee::Native(id) if matches!(program.decl(*id).name.as_str(), "texture" | "image") => {
-                    call.args.first().and_then(Option::as_ref).map_or_else(Vec::new, |arg| self.sources(arg))
-                }
-                Callee::Decl(id) => {
-                    let DeclKind::Fn(f) = &program.decl(*id).kind else { return Vec::new() };
-                    if self.bind_arguments(f, call) { self.sources(&f.body) } else { Vec::new() }
-                }
-                _ => Vec::new(),
-            },
-            _ => Vec::new(),
-        }
-    }
-}
-
-/// Whether a camera is of a kind whose field of view may be more than 180°.
-fn sees_around(native: &NativeDecl, call: &Call) -> bool {
-    let kind = native.params.iter().zip(&call.args).find(|(param, _)| param.name == "kind");
-    match kind.and_then(|(_, arg)| arg.as_ref()).map(|arg| &arg.kind) {
-        Some(ExprKind::Str(parts)) => {
-            matches!(&parts[..], [StrPart::Text(word)] if word == "fisheye" || word == "panorama")
-        }
-        None => false,
-        Some(_) => true,
-    }
-}
-
-/// The sources of a part of a value. A part of a whole param is that part; a part of a part is not followed, because it is not certain
-/// which elements it has.
-fn within(sources: Vec<Source>, part: &Part) -> Vec<Source> {
-    let narrowed = |(id, old): Source| match (old, part) {
-        (old, Part::Whole) => Some((id, old)),
-        (Part::Whole, part) => Some((id, part.clone())),
-        _ => None,
-    };
-    sources.into_iter().filter_map(narrowed).collect()
-}
-
-/// The indices of a swizzle: 0 and 2 for `xz`.
-fn components(name: &str) -> Option<Vec<usize>> {
-    name.chars().map(|c| "xyzw".find(c).or_else(|| "rgba".find(c))).collect()
 }

@@ -56,18 +56,13 @@ pub fn check(program: &Program, quiet: bool) -> Vec<Diagnostic> {
         has_loss = true;
         let decl = program.decl(id);
         if !flow.depends_on_params(id) {
-            let help = if program.params().next().is_none() {
-                "declare an unknown: `param NAME = …`, and use it in the scene"
-            } else {
-                "use one of the params in what this loss compares"
-            };
             out.push(
                 Diagnostic::warning(
                     "dscene::flow::constant_loss",
                     format!("no param reaches the loss `{}`", decl.name),
                 )
                 .label(decl.name_span, "has no derivative")
-                .help(help),
+                .help(without_params(program)),
             );
         }
         flow.decl(id, &mut reached);
@@ -160,14 +155,19 @@ fn unmoved(program: &Program, o: &Optimize, reached: &BTreeSet<DeclId>) -> Vec<D
     out
 }
 
-/// An error if no param that a loss depends on may move.
+/// An error if a loss depends on no param, or none of them may move.
 fn all_frozen(program: &Program, o: &Optimize, reached: &BTreeSet<DeclId>) -> Option<Diagnostic> {
     let frozen = |id: &DeclId| match &program.decl(*id).kind {
         DeclKind::Param(p) => Some(is_frozen(p)),
         _ => None,
     };
     let params: Vec<(DeclId, bool)> = reached.iter().filter_map(|id| Some((*id, frozen(id)?))).collect();
-    if params.is_empty() || params.iter().any(|(_, frozen)| !frozen) {
+    if params.is_empty() {
+        let told =
+            Diagnostic::error("dscene::flow::constant_loss", "nothing is left to optimise: no param reaches this loss");
+        return Some(told.label(o.loss.span, "does not depend on any param").help(without_params(program)));
+    }
+    if params.iter().any(|(_, frozen)| !frozen) {
         return None;
     }
     let names: Vec<String> = params.iter().map(|(id, _)| program.decl(*id).name.clone()).collect();
@@ -175,6 +175,15 @@ fn all_frozen(program: &Program, o: &Optimize, reached: &BTreeSet<DeclId>) -> Op
         .label(o.loss.span, format!("depends on {} only", names.join(", ")))
         .help(format!("leave out `frozen: true`, or say what moves: `over: [{}]`", names.join(", ")));
     Some(diagnostic)
+}
+
+/// What to do about a loss that no param reaches.
+fn without_params(program: &Program) -> &'static str {
+    if program.params().next().is_none() {
+        "declare an unknown: `param NAME = …`, and use it in the scene"
+    } else {
+        "use one of the params in what this loss compares"
+    }
 }
 
 /// What the user moves does not reach the loss.

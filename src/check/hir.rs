@@ -198,6 +198,8 @@ pub struct FnParam {
     pub span: Span,
     /// As declared, or anything.
     pub takes: Sig,
+    /// As declared: `in 0..1`.
+    pub domain: Option<Domain>,
     /// The shape to which a number is spread, such as three channels for a `color`.
     pub spread: Option<Vec<usize>>,
     /// Evaluated in the callee's environment (earlier parameters are visible) when the argument is missing.

@@ -7,6 +7,8 @@ use super::declare::broken;
 use super::hir::{self, Builtin, Callee, ExprKind, FILE_SCENE};
 use super::modules::{Checker, PRELUDE, State, lookup_in};
 use super::signature::{Const, Function, Sig, fits};
+use super::text;
+use super::trial::Change;
 use super::types::{Dim, Ty};
 use crate::diag::{Diagnostic, did_you_mean, suggest};
 use crate::source::Span;
@@ -23,6 +25,9 @@ pub struct Typed {
 pub(super) const MAX_CONST: usize = 1024;
 /// Nested tuples with more parts than this in all are not evaluated as constants either.
 pub(super) const MAX_PARTS: usize = 4096;
+
+/// Texts that are made of others are not evaluated as constants beyond so many bytes: more than the path of a file has.
+const LONGEST_TEXT: usize = 4096;
 
 pub fn error_expr(span: Span) -> hir::Expr {
     hir::Expr { kind: ExprKind::Error, span, ty: Ty::Error }
@@ -103,8 +108,10 @@ impl Checker<'_> {
                     out.push(hir::StrPart::Text(text.clone()));
                 }
                 ast::StrPart::Value { value: inner, format } => {
-                    value = None;
-                    let inner = self.expr(inner, None).expr;
+                    let Typed { expr: inner, value: known } = self.expr(inner, None);
+                    let known = known.and_then(|known| text::of_constant(&known, *format));
+                    value = value.zip(known).map(|(before, known)| before + &known);
+                    value = value.filter(|text| text.len() <= LONGEST_TEXT);
                     let printable = matches!(
                         inner.ty,
                         Ty::Num(_)
@@ -154,6 +161,12 @@ impl Checker<'_> {
                 _ => None,
             };
             if let Some(builtin) = builtin {
+                if let Some(at) = self.at_step {
+                    self.saw_step = true;
+                    let value = if builtin == Builtin::Step { at.step.map(|n| n as f64) } else { Some(at.progress) };
+                    let known = typed(ExprKind::Builtin(builtin), span, Ty::SCALAR);
+                    return Typed { value: value.map(Const::Num), ..known };
+                }
                 if self.no_step && self.stack.is_empty() {
                     self.diagnostics.push(
                         Diagnostic::error(
@@ -567,12 +580,14 @@ impl Checker<'_> {
         }
         let mut names = Vec::new();
         while let Some((name, tail)) = rest.split_first() {
-            current = if name.text.starts_with('[') {
-                self.element(current, name)?
+            if name.index().is_some() {
+                let at = self.index_in_path(name)?;
+                current = self.element(current, at, name.span)?;
+                names.push(format!("[{at}]"));
             } else {
-                self.field_of(current, name, name.span)
-            };
-            names.push(name.text.split_whitespace().collect());
+                current = self.field_of(current, name, name.span);
+                names.push(name.text.clone());
+            }
             rest = tail;
         }
         Some((hir::Target { decl, path: names }, current.expr.ty))
@@ -580,15 +595,36 @@ impl Checker<'_> {
 }
 
 impl Checker<'_> {
+    /// The index in a path, `[0]` or `[i]` with an `i` that is known.
+    fn index_in_path(&mut self, name: &ast::Name) -> Option<f64> {
+        let (index, span) = name.index()?;
+        if let Ok(at) = index.parse() {
+            return Some(at);
+        }
+        let written = ast::Expr { kind: ast::ExprKind::Name(index.to_owned()), span };
+        let typed = self.expr(&written, None);
+        let known = typed.value.as_ref().and_then(Const::number);
+        if known.is_none() && typed.expr.ty != Ty::Error {
+            self.diagnostics.push(
+                Diagnostic::error(
+                    "dscene::type::index",
+                    format!("which element `{index}` means is not known before a run"),
+                )
+                .label(written.span, "no constant")
+                .help(format!("write a number, or declare one: `let {index} = 0`")),
+            );
+        }
+        known
+    }
+
     /// The element of an array that a path such as `points[0]` names.
-    fn element(&mut self, base: Typed, name: &ast::Name) -> Option<Typed> {
-        let at: f64 = name.text.trim_matches(['[', ']', ' ']).parse().ok()?;
+    fn element(&mut self, base: Typed, at: f64, span: Span) -> Option<Typed> {
         let ty = base.expr.ty.clone();
         let (Some(_), Some((item, n))) = (ty.quantity(), item_of(&ty)) else {
             if !ty.is_unknown() {
                 self.diagnostics.push(
                     Diagnostic::error("dscene::type::mismatch", format!("{} has no elements to replace", ty.a()))
-                        .label(name.span, "an element")
+                        .label(span, "an element")
                         .help("name elements of an array of numbers"),
                 );
             }
@@ -598,67 +634,14 @@ impl Checker<'_> {
             let n = n.unwrap_or_default();
             self.diagnostics.push(
                 Diagnostic::error("dscene::type::index", format!("index {at} is outside of an array of {n}"))
-                    .label(name.span, "out of range")
+                    .label(span, "out of range")
                     .help("indices count from 0; -1 is the last element"),
             );
             return None;
         }
-        let kind = ExprKind::Field { base: Box::new(base.expr), name: name.text.clone() };
-        Some(typed(kind, name.span, item))
+        let kind = ExprKind::Field { base: Box::new(base.expr), name: format!("[{at}]") };
+        Some(typed(kind, span, item))
     }
-
-    /// The type of an expression where replaced declarations have other sizes than usual. Everything that depends on them is inferred
-    /// again, and errors are reported with the replacement that causes them.
-    fn retyped(&mut self, body: &ast::Expr, wanted: Option<&Sig>, changes: &[Change], span: Span) -> Ty {
-        let saved = self.slots.clone();
-        let instances = self.instances.clone();
-        let (scene, integrator) = (self.default_scene.clone(), self.integrator);
-        let outer = std::mem::take(&mut self.diagnostics);
-        self.forget_user_instances();
-        for (i, slot) in saved.iter().enumerate() {
-            let is_settled = slot.state == State::Done && self.modules[slot.module].user;
-            if is_settled && !changes.iter().any(|c| c.decl.0 as usize == i) {
-                self.slot_mut(hir::DeclId(i as u32)).state = State::Waiting;
-            }
-        }
-        for change in changes {
-            let slot = self.slot_mut(change.decl);
-            (slot.hir.ty, slot.value) = (change.ty.clone(), change.value.clone());
-        }
-        let ty = self.expr(body, wanted).expr.ty;
-        let inner = std::mem::replace(&mut self.diagnostics, outer);
-        self.slots = saved;
-        self.instances = instances;
-        (self.default_scene, self.integrator) = (scene, integrator);
-        let mut failed = false;
-        for diagnostic in inner.into_all().into_iter().filter(Diagnostic::is_error) {
-            failed = true;
-            let known = self.diagnostics.iter().any(|d| d.code == diagnostic.code && d.span() == diagnostic.span());
-            if !known {
-                self.diagnostics.push(diagnostic.label(span, "with this replacement"));
-            }
-        }
-        if failed { Ty::Error } else { ty }
-    }
-}
-
-impl Checker<'_> {
-    /// Results of the user's functions are inferred again.
-    pub fn forget_user_instances(&mut self) {
-        let (slots, modules) = (&self.slots, &self.modules);
-        let is_user = |key: &str| {
-            let id = key.split(' ').next().and_then(|id| id.parse::<usize>().ok());
-            id.is_none_or(|id| slots.get(id).is_none_or(|s| modules[s.module].user))
-        };
-        self.instances.retain(|key, _| !is_user(key));
-    }
-}
-
-/// A declaration that is temporarily replaced.
-struct Change {
-    decl: hir::DeclId,
-    ty: Ty,
-    value: Option<Const>,
 }
 
 /// `n` items of a type.

@@ -10,6 +10,7 @@ use super::library::{self, LIBRARY};
 use super::lints;
 use super::log::DiagnosticLog;
 use super::other_files;
+use super::schedules::At;
 use super::signature::{Const, FunctionKey, Sig};
 use super::types::Ty;
 use crate::diag::{Diagnostic, Names, did_you_mean, suggest};
@@ -116,6 +117,10 @@ pub struct Checker<'l> {
     /// How deep calls of function values are nested.
     pub applied: usize,
     pub instances: HashMap<String, Instance>,
+    /// Where in an optimisation `step` and `progress` are taken, while settings that follow them are looked at.
+    pub at_step: Option<At>,
+    /// Whether one of them was.
+    pub saw_step: bool,
     /// Number of nested function bodies that are being checked.
     pub nested: usize,
     /// By function: number of instances that were checked for calls within other calls.
@@ -172,6 +177,8 @@ impl<'l> Checker<'l> {
             next_local: 0,
             applied: 0,
             instances: HashMap::new(),
+            at_step: None,
+            saw_step: false,
             nested: 0,
             specialised: HashMap::new(),
             lambdas: HashMap::new(),

@@ -15,6 +15,18 @@ use crate::source::Span;
 pub enum Severity {
     Error,
     Warning,
+    /// Nothing is wrong: what will be done, and how to have it otherwise.
+    Advice,
+}
+
+impl Severity {
+    pub fn word(self) -> &'static str {
+        match self {
+            Severity::Error => "error",
+            Severity::Warning => "warning",
+            Severity::Advice => "advice",
+        }
+    }
 }
 
 /// A place and what there is to say about it.
@@ -44,6 +56,10 @@ impl Diagnostic {
 
     pub fn warning(code: &'static str, message: impl Into<String>) -> Diagnostic {
         Diagnostic { severity: Severity::Warning, ..Diagnostic::error(code, message) }
+    }
+
+    pub fn advice(code: &'static str, message: impl Into<String>) -> Diagnostic {
+        Diagnostic { severity: Severity::Advice, ..Diagnostic::error(code, message) }
     }
 
     pub fn label(mut self, span: Span, text: impl Into<String>) -> Diagnostic {

@@ -51,10 +51,7 @@ pub fn to_line(diagnostic: &Diagnostic, sources: &SourceMap) -> String {
         let position = sources.position(span);
         format!("{}:{}:{}: ", sources.name(span.source), position.line, position.column)
     });
-    let severity = match diagnostic.severity {
-        Severity::Error => "error",
-        Severity::Warning => "warning",
-    };
+    let severity = diagnostic.severity.word();
     let helps = if diagnostic.helps.is_empty() { String::new() } else { format!(" ({})", diagnostic.helps.join("; ")) };
     let line = format!("{place}{severity}[{}]: {}{helps}", diagnostic.code, diagnostic.message);
     line.split_whitespace().collect::<Vec<&str>>().join(" ")
@@ -81,7 +78,7 @@ pub fn to_json(diagnostic: &Diagnostic, sources: &SourceMap) -> Value {
         .collect();
     json!({
         "code": diagnostic.code,
-        "severity": match diagnostic.severity { Severity::Error => "error", Severity::Warning => "warning" },
+        "severity": diagnostic.severity.word(),
         "message": diagnostic.message,
         "labels": labels,
         "help": diagnostic.helps,
@@ -122,6 +119,7 @@ impl Report {
             severity: match diagnostic.severity {
                 Severity::Error => miette::Severity::Error,
                 Severity::Warning => miette::Severity::Warning,
+                Severity::Advice => miette::Severity::Advice,
             },
             message: diagnostic.message.clone(),
             source: main.and_then(|id| source_of(sources, id)),

@@ -7,10 +7,11 @@ use crate::check;
 use crate::check::hir::{
     Call, Callee, DeclId, DeclKind, Expr, FILE_SCENE, FnDecl, Lambda, LocalId, NativeDecl, Rendering,
 };
+use crate::check::text;
 use crate::diag::Diagnostic;
 use crate::memory;
 use crate::natives::{
-    self, Args,
+    self, Args, NativeError,
     value::{CameraValue, Function, Value},
 };
 use crate::source::Span;
@@ -124,9 +125,26 @@ impl Engine {
             self.warnings.say(span, what, || error::native_warning(&warning, span, spans, &native.name));
         }
         let value = value?;
+        if self.total > 0 && !matches!(value, Value::Num(_)) {
+            self.tell_ranges(native, values, spans, span);
+        }
         match &value {
             Value::Camera(camera) if native.name == "camera" => Ok(self.scaled_film(camera).unwrap_or(value)),
             _ => Ok(value),
+        }
+    }
+
+    /// Says once where an optimisation has led out of the range of an input that can be computed all the same.
+    fn tell_ranges(&self, native: &NativeDecl, values: &[Value], spans: &[Option<Span>], span: Span) {
+        for (i, param) in native.params.iter().enumerate() {
+            let (Some(domain), Some(Value::Num(numbers))) = (param.domain, values.get(i)) else { continue };
+            let Some(x) = numbers.value().data.iter().find(|x| !domain.contains(**x)) else { continue };
+            let what = format!("`{}` of `{}`", param.name, native.name);
+            self.warnings.say(span, what.clone(), || {
+                let shown = if domain.angle { text::angle_text(*x) } else { text::number_text(*x) };
+                let told = NativeError::at(i, format!("{what} comes to {shown}, which is not {domain}"));
+                error::range_warning(&told, span, spans, &native.name)
+            });
         }
     }
 

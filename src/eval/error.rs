@@ -110,6 +110,12 @@ pub(super) fn native_warning(e: &NativeError, call: Span, args: &[Option<Span>],
     at_argument(Diagnostic::warning("dscene::run::file", e.message.clone()), e, call, args, name)
 }
 
+/// The diagnostic of an argument that is outside of its range.
+pub(super) fn range_warning(e: &NativeError, call: Span, args: &[Option<Span>], name: &str) -> Diagnostic {
+    at_argument(Diagnostic::warning("dscene::run::value", e.message.clone()), e, call, args, name)
+        .help("give the params that it is made of bounds, `param x = … in lo..hi`, within which it stays in its range")
+}
+
 fn at_argument(diagnostic: Diagnostic, e: &NativeError, call: Span, args: &[Option<Span>], name: &str) -> Diagnostic {
     let blamed = e.arg.and_then(|i| args.get(i).copied().flatten());
     let diagnostic = match blamed {

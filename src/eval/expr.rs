@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use crate::check::domain_of_field;
 use crate::check::hir::{BinaryOp, Builtin, Expr, ExprKind, Replacement, StrFormat, StrPart, UnaryOp};
+use crate::check::text;
 use crate::check::types::Ty;
 use crate::memory;
 use crate::natives::{
@@ -598,31 +599,13 @@ fn formatted(v: &Value, ty: &Ty, format: Option<StrFormat>) -> String {
         };
     };
     let is_angle = show::is_angle(ty);
-    // Zeros stand before the digits of an angle, and blanks before all of it.
-    let unit = if is_angle { "deg" } else { "" };
-    let one = |x: f64| {
-        let x = if is_angle { x.to_degrees() } else { x };
-        let digits = match (format.precision, format.exponent) {
-            (Some(p), true) => format!("{x:.*e}", p.min(40)),
-            (None, true) => format!("{x:e}"),
-            (Some(p), false) => format!("{x:.*}", p.min(40)),
-            (None, false) => show::number_text(x),
-        };
-        format!("{digits}{unit}")
-    };
+    let one = |x: f64| text::digits(x, is_angle, format);
     let text = match v {
         Value::Num(n) if n.len() <= 64 => show::numbers(n.value(), &one),
         Value::Str(s) => s.to_string(),
         _ => show::brief(v, ty),
     };
-    let width = format.width.min(200);
-    let beyond = if format.zero_pad { unit.len() } else { 0 };
-    let missing = (width + beyond).saturating_sub(text.chars().count());
-    match (format.zero_pad, text.strip_prefix('-')) {
-        (true, Some(digits)) => format!("-{}{digits}", "0".repeat(missing)),
-        (true, None) => format!("{}{text}", "0".repeat(missing)),
-        (false, _) => format!("{}{text}", " ".repeat(missing)),
-    }
+    text::padded(text, is_angle, format)
 }
 
 impl Engine {

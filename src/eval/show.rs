@@ -2,6 +2,7 @@
 
 use serde_json::{Map, Value as Json, json};
 
+use crate::check::text::angle_text;
 use crate::check::types::Ty;
 use crate::natives::value::{
     DeltaLightValue, GradientEntry, Input, LightValue, MaterialValue, MeshValue, TextureValue, Value,
@@ -10,32 +11,10 @@ use crate::natives::{field, fields_of};
 use crate::render::{ClearCoat, Grain};
 use crate::tape::{Tensor, Var};
 
+pub use crate::check::text::number_text;
+
 /// Elements of an array that are written out.
 const SHOWN: usize = 64;
-
-/// A number as a script would write it, with at most seven significant digits.
-pub fn number_text(x: f64) -> String {
-    if x == 0.0 {
-        return "0".into();
-    }
-    if !x.is_finite() {
-        return if x.is_nan() { "NaN".into() } else { format!("{}infinity", if x < 0.0 { "-" } else { "" }) };
-    }
-    if x.fract() == 0.0 && x.abs() < 1e15 {
-        return format!("{x}");
-    }
-    let size = x.abs();
-    if !(1e-4..1e9).contains(&size) {
-        let text = format!("{x:.6e}");
-        return match text.split_once('e') {
-            Some((m, e)) => format!("{}e{e}", m.trim_end_matches('0').trim_end_matches('.')),
-            None => text,
-        };
-    }
-    let digits = (6 - size.log10().floor() as i32).clamp(0, 12) as usize;
-    let text = format!("{x:.digits$}");
-    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_string() } else { text }
-}
 
 pub(super) fn numbers(t: &Tensor, one: &impl Fn(f64) -> String) -> String {
     if t.shape.is_empty() {
@@ -58,11 +37,6 @@ pub fn is_angle(ty: &Ty) -> bool {
         Ty::Array(item, _) => is_angle(item),
         _ => false,
     }
-}
-
-/// An angle in degrees, as a script would write it.
-pub fn angle_text(x: f64) -> String {
-    format!("{}deg", number_text(x.to_degrees()))
 }
 
 /// Numbers to their last digit, for two that [`brief`] does not tell apart; everything else as [`brief`] has it.

@@ -450,7 +450,10 @@ impl Walk<'_> {
                 (_, Some(Ty::Array(item, _))) if name.text.starts_with('[') => Some(*item),
                 _ => None,
             };
-            self.note(name.span, symbol, false);
+            match name.index().filter(|(index, _)| index.starts_with(|c: char| c.is_ascii_alphabetic())) {
+                Some((index, span)) => self.used(index, span),
+                None => self.note(name.span, symbol, false),
+            }
             of_module = false;
             base = base.to(name.span);
         }

@@ -59,8 +59,15 @@ pub fn moved_params(
         let value = engine.target_tensor(&target)?;
         let is_of_numbers = !matches!(space.geometry, Geometry::Rotation | Geometry::Unit);
         if is_of_numbers && !domains.is_empty() {
-            let told = domains.iter().filter_map(|d| kept_inside(&mut space, d, &value, &name));
-            engine.stoppable(|| notes.extend(told))?;
+            let told = engine.stoppable(|| {
+                let kept = domains.iter().filter_map(|reached| kept_inside(&mut space, reached, &value, &name));
+                kept.collect::<Vec<String>>()
+            })?;
+            for note in told {
+                if !notes.contains(&note) {
+                    notes.push(note);
+                }
+            }
         }
         if let Some(info) = info.filter(|_| !space.may_start(&value.data)) {
             return Err(cannot_start(engine, info, &space));
@@ -71,34 +78,37 @@ pub fn moved_params(
     Ok((moved, spaces, notes))
 }
 
-/// Narrows the bounds of a param to the domain of an input that it reaches; says so if they were wider. What starts outside (and
-/// is an error of its own, or has more room there than others) is left alone.
+/// Narrows the bounds of a param to the domain of an input that it reaches; says so if they were wider. What starts outside has more room
+/// than others, or is an error of its own, and is left alone.
 fn kept_inside(space: &mut Space, reached: &Reached, value: &Tensor, name: &str) -> Option<String> {
     let inside = |at: usize| reached.part.contains(&value.shape, at);
-    let domain = &reached.domain;
-    // An end that does not belong to it is come near to, not reached.
-    let margin = if domain.angle { 0.1f64.to_radians() } else { 1e-9 };
-    let low = domain.low + if domain.above_low { margin } else { 0.0 };
-    let high = domain.high - if domain.below_high { margin } else { 0.0 };
-    if paced(value.data.iter().enumerate(), 1).any(|(at, x)| inside(at) && !(low..=high).contains(x)) {
-        return None;
+    if let Some((_, start)) = paced(value.data.iter().enumerate(), 1).find(|(at, x)| inside(*at) && !reached.contains(**x)) {
+        let (message, help) = reached.told_outside(name, *start);
+        return Some(help.map_or(message.clone(), |help| format!("{message}: {help}")));
     }
     let n = value.len();
     let side = |old: &Option<Vec<f64>>, free: f64| -> Vec<f64> {
         let old = old.as_deref().filter(|b| !b.is_empty());
         paced(0..n, 1).map(|i| old.map_or(free, |b| b[i % b.len()])).collect()
     };
-    let (old_low, old_high) = (side(&space.lower, f64::NEG_INFINITY), side(&space.upper, f64::INFINITY));
-    let narrow = |old: &[f64], f: fn(f64, f64) -> f64, limit: f64| -> Vec<f64> {
-        paced(old.iter().enumerate(), 1).map(|(i, &b)| if inside(i) { f(b, limit) } else { b }).collect()
-    };
-    let (new_low, new_high) = (narrow(&old_low, f64::max, low), narrow(&old_high, f64::min, high));
-    if (&new_low, &new_high) == (&old_low, &old_high) {
+    let (mut low, mut high) = (side(&space.lower, f64::NEG_INFINITY), side(&space.upper, f64::INFINITY));
+    let mut is_narrowed = false;
+    for at in paced(0..n, 1).filter(|at| inside(*at)) {
+        let (least, most) = reached.limits(value.data[at]);
+        // Bounds that are written may be nearer to an end that does not belong to the domain, and logarithms have none at 0.
+        let is_positive = space.geometry == Geometry::Positive && reached.domain.low <= 0.0;
+        if low[at] < least && !is_positive && !reached.contains(low[at]) {
+            (low[at], is_narrowed) = (least, true);
+        }
+        if high[at] > most && !reached.contains(high[at]) {
+            (high[at], is_narrowed) = (most, true);
+        }
+    }
+    if !is_narrowed {
         return None;
     }
-    (space.lower, space.upper) = (Some(one_if_equal(new_low)), Some(one_if_equal(new_high)));
-    let (argument, function) = (&reached.argument, &reached.function);
-    Some(format!("`{name}` stays {domain}: it is the `{argument}` of `{function}`"))
+    (space.lower, space.upper) = (Some(one_if_equal(low)), Some(one_if_equal(high)));
+    Some(reached.told(name))
 }
 
 /// Why a param cannot be optimised in its space from where it is.

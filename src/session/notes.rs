@@ -9,7 +9,7 @@ use super::optimization::{Optimization, StepReport};
 use super::picture::Picture;
 use super::run::Runner;
 use super::show::significant;
-use crate::diag::{Diagnostic, Severity};
+use crate::diag::Diagnostic;
 use crate::eval::RecordedImage;
 use crate::files::fingerprint;
 use crate::optim::{Geometry, Law, Space};
@@ -216,7 +216,7 @@ pub fn told(diagnostic: &Diagnostic, sources: &SourceMap) -> Event {
         let position = sources.position(span);
         format!("{}:{}:{}", sources.name(span.source), position.line, position.column)
     });
-    let severity = if diagnostic.severity == Severity::Error { "error" } else { "warning" };
+    let severity = diagnostic.severity.word();
     let labels = diagnostic.labels.iter().map(|label| label.text.clone()).filter(|text| !text.is_empty());
     Event::Told {
         severity: severity.to_owned(),

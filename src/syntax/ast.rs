@@ -47,6 +47,16 @@ pub struct Name {
     pub span: Span,
 }
 
+impl Name {
+    /// Of a part of a path that is an index, `[i]` or `[ 0 ]`: what stands between the brackets, and where.
+    pub fn index(&self) -> Option<(&str, Span)> {
+        let index = self.text.strip_prefix('[')?.trim_end_matches(']');
+        // Where there are blanks around it, they are taken in.
+        let (start, end) = (self.span.start + 1, self.span.end.saturating_sub(1));
+        Some((index, if end > start { Span { start, end, ..self.span } } else { self.span }))
+    }
+}
+
 #[derive(Clone, Debug)]
 pub enum StatementKind {
     Import(Import),
@@ -435,6 +445,12 @@ impl Domain {
             (_, true) => Some(format!("write at least `{low}`")),
             _ => None,
         }
+    }
+
+    /// The closed range that is nearest to it, as it is written behind a param; `None` where an end does not belong to it.
+    pub fn bounds(&self) -> Option<String> {
+        let end = |x: f64| if x.is_finite() { self.shown(x) } else { String::new() };
+        (!self.above_low && !self.below_high).then(|| format!("{}..{}", end(self.low), end(self.high)))
     }
 
     fn shown(&self, x: f64) -> String {

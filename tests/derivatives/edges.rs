@@ -177,9 +177,9 @@ fn a_run_of_skipped_steps_is_no_success() {
 
 #[test]
 fn a_step_out_of_the_domain_ends_the_loop_and_not_the_script() {
-    // The reflectance is reached through arithmetic: nobody knows its bounds.
+    // The reflectance is a sum, which nobody follows.
     let script = format!(
-        "{SCENE}param a = 1\nshape ball {{ mesh: sphere(), material: diffuse(a * 0.5) }}\n\
+        "{SCENE}param a = 1\nshape ball {{ mesh: sphere(), material: diffuse(sum([a]) * 0.5) }}\n\
          optimize mean(render(eye, spp: 1)) {{ using: sgd(lr: 100), steps: 9 }}\n\
          save render(eye) to \"after.png\"\nexpect a == 1\nprint \"after\"\n"
     );
@@ -258,6 +258,34 @@ fn params_stay_where_their_inputs_are_defined() {
         assert_eq!(code, 0, "{param}, {scene}: {text}");
         has(&text, &[kept, "4 steps"]);
     }
+    // Along straight lines, at open ends, through `with` and functions; own bounds may be nearer to an open end.
+    let script = format!(
+        "{SCENE}param r = 0.5\nparam s = 0.5\nparam t = [0.5, 0.5, 9]\nparam f = 2\nparam g = 2 in 1e-6..\nparam u = 0.25\nparam v = 0.3\n\
+         param w = 0.5\nlet skin = 0.5\n{}let others = [phong(roughness: 1 - s), phong(diffuse: t[0..3] / 10), (x => phong(roughness: x))(v)]\n\
+         let lens = [camera(focal: f), camera(focal: g)]\n\
+         loss l = r - s + sum(t) + f + g + sqrt(u) + v + w + 0 * mean(render(eye, spp: 1) with {{ skin: w }})\n\
+         optimize l {{ using: sgd(lr: 3), steps: 6 }}\n\
+         expect abs(r + 0.2) < 1e-12 and s == 1 and norm(t) == 0 and abs(f - 0.002) < 1e-12 and g == 1e-6\n\
+         expect abs(u - 0.25e-3) < 1e-12 and v == 0 and w == 0\n",
+        shape("phong(roughness: skin, diffuse: 0.2 + r)")
+    );
+    let (code, text) = run(&script, &[]);
+    assert_eq!(code, 0, "{text}");
+    has(&text, &["`r` stays from -0.2 to 0.8, so that the `diffuse` of `phong` is from 0 to 1", "6 steps"]);
+    // What starts where its input has no meaning is told, and stays free.
+    let script = format!("{SCENE}param r = 1.5\n{}optimize (r - 2) ^ 2 {{ steps: 2 }}\n", shape("diffuse(r)"));
+    let (code, text) = run(&script, &[]);
+    assert_eq!(code, 0, "{text}");
+    has(&text, &["`r` starts at 1.5, with which the `reflectance` of `diffuse` is not from 0 to 1: write at most `1`"]);
+    // What is no straight line is not kept, but told once.
+    let script = format!(
+        "{SCENE}param r = 0.9\n{}optimize -mean(render(eye, spp: 1)) {{ using: sgd(lr: 1), steps: 4 }}\n",
+        shape("diffuse(r * r)")
+    );
+    let (code, text) = run(&script, &[]);
+    assert_eq!(code, 0, "{text}");
+    has(&text, &["`reflectance` of `diffuse` comes to 1.", "which is not from 0 to 1"]);
+    assert_eq!(text.matches("comes to").count(), 1, "{text}");
     // Only the element that goes there is kept; own bounds are narrowed, not widened; fields have domains too.
     let script = format!(
         "{SCENE}param r = [0.3, 0.3]\nparam s = 0.5 in -5..0.9\n{}light lamp = point([0, 3, 3], intensity: 1)\n\
@@ -274,7 +302,7 @@ fn params_stay_where_their_inputs_are_defined() {
 #[test]
 fn a_last_step_may_lead_where_the_loss_has_no_value() {
     let script = "param q = 0.5\ncamera eye { position: [0, 1, 3], look_at: [0, 0, 0], film: [8, 8] }\n\
-                  shape ball { mesh: sphere(subdivisions: 8), material: diffuse(reflectance: q - 0.1) }\nlight e = constant(1)\n\
+                  shape ball { mesh: sphere(subdivisions: 8), material: diffuse(reflectance: sum([q]) - 0.1) }\nlight e = constant(1)\n\
                   loss l = mean(render(eye, spp: 4))\noptimize l { using: adam(lr: 0.3), steps: 2 }\n\
                   save render(eye, spp: 1) to \"a.png\"\nprint \"after {q > 0.19}\"\nexpect q > 0\n";
     let (code, text) = run(script, &[]);

@@ -188,7 +188,7 @@ fn what_is_wrong_is_told_before_anything_runs() {
 #[test]
 fn a_run_that_fails_is_told_and_stops_no_other() {
     let place = Place::new();
-    let script = "param x = 1\nloss l = sqrt(x)\n
+    let script = "param x = 1\nloss l = sqrt(sum([x]))\n
                   sweep rate in [0.1, 1.2, 0.2], i in [0, 5] {
                     print [7, 8][floor(x) - 1 + i]
                     optimize l { using: sgd(lr: rate), steps: 3 }

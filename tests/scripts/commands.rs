@@ -11,6 +11,37 @@ fn assert_refused(output: &std::process::Output, code: &str, what: &str) {
     assert!(stderr(output).contains(code) && stderr(output).contains(what), "{}", stderr(output));
 }
 
+/// What a run will note of params is told before it, and is neither an error nor a warning.
+#[test]
+fn check_tells_what_params_are_kept_inside_of() {
+    let place = Place::new();
+    let scene = "camera eye { film: [4, 4] }\nlight sky = constant(1)\nshape ball { mesh: sphere(), material: diffuse(r) }\n\
+                 optimize mean(render(eye)) { steps: 1 }\n";
+    place.write("kept.dscene", &format!("param r = 0.5\n{scene}"));
+    let check = place.dsl(&["check", "kept.dscene"]);
+    assert_code(&check, 0);
+    let told = "`r` stays from 0 to 1: it is the `reflectance` of `diffuse`";
+    assert!(stderr(&check).contains(told), "{}", stderr(&check));
+    assert!(stderr(&check).contains("`param r = … in 0..1`"), "{}", stderr(&check));
+    assert_eq!(stdout(&check), "1 file checked: 0 errors, 0 warnings, 1 note\n");
+    let json = place.dsl(&["check", "--json", "kept.dscene"]);
+    assert_code(&json, 0);
+    let note: serde_json::Value = serde_json::from_str(&stdout(&json)).unwrap();
+    assert_eq!((&note["severity"], &note["message"]), (&"advice".into(), &told.into()));
+    assert_eq!(stderr(&place.dsl(&["check", "--quiet", "kept.dscene"])), "");
+    // A run tells it once.
+    let run = place.dsl(&["run", "kept.dscene", "--out", "o"]);
+    assert_code(&run, 0);
+    assert_eq!(stderr(&run).matches(told).count(), 1, "{}", stderr(&run));
+    place.write("kept.dscene", &format!("param r = 0.5 in 0..1\n{scene}"));
+    assert_eq!(stdout(&place.dsl(&["check", "kept.dscene"])), "1 file checked: nothing to report\n");
+    place.write("kept.dscene", &format!("param r = 1.5\n{scene}"));
+    let outside = place.dsl(&["check", "kept.dscene"]);
+    assert_code(&outside, 0);
+    assert!(stderr(&outside).contains("`r` starts at 1.5"), "{}", stderr(&outside));
+    assert!(stderr(&outside).contains("write at most `1`"), "{}", stderr(&outside));
+}
+
 #[test]
 fn a_new_project_checks_and_runs() {
     let place = Place::new();

@@ -143,6 +143,7 @@ fn nodes_have_the_kinds_that_queries_ask_for() {
         ("let a = (x)", "parenthesized", &["(x)"]),
         ("let a = (x) => x |> f\nlet b = a", "lambda", &["(x) => x |> f"]),
         ("let a = b with { lamp.at[0].x: 2 }", "target", &["lamp.at[0].x"]),
+        ("let a = b with { p[i]: 2 }", "target", &["p[i]"]),
         ("let a = x ^ 2 * -y + 1", "binary", &["x ^ 2 * -y + 1", "x ^ 2 * -y", "x ^ 2"]),
         // Words of the language are names where nothing else could stand.
         ("let camera = scene.camera\ncamera light = camera", "kind_word", &["camera"]),

@@ -386,7 +386,7 @@ fn errors_point_at_the_argument() {
         text.get(span.start as usize..span.end as usize).unwrap_or("").to_string()
     };
     for (text, at, code) in [
-        ("sqrt(n)", "n", "dscene::run::value"),
+        ("sqrt(p.x - 5)", "p.x - 5", "dscene::run::value"),
         ("n ^ 0.5", "n ^ 0.5", "dscene::run::value"),
         ("pow(n, 0.5)", "n", "dscene::run::value"),
         ("[(x * n) ^ (1 / 3) for x in 0..4]", "(x * n) ^ (1 / 3)", "dscene::run::value"),

@@ -30,6 +30,7 @@ mod grad_server;
 mod growth;
 mod hostile_values;
 mod image_files;
+mod kept_inside;
 mod language;
 mod library;
 mod lints;

@@ -8,7 +8,7 @@ use super::hub::Pose;
 use super::view::{item_of, viewpoints};
 use crate::check::hir::Program;
 use crate::check::types::Ty;
-use crate::check::{Part, Reached, domains};
+use crate::check::{Reached, domains};
 use crate::cli::script::{as_script, numbers};
 use crate::diag::Diagnostic;
 use crate::eval::{self, Engine, ParamInfo, ParamKind, is_angle};
@@ -60,17 +60,13 @@ fn bounds(info: &ParamInfo, reached: &[Reached], value: &Tensor) -> (Tensor, Ten
     let free = |end: f64| Tensor { shape: value.shape.clone(), data: vec![end; value.len()] };
     let (mut low, mut high) = info.bounds.clone().unwrap_or_else(|| (free(f64::NEG_INFINITY), free(f64::INFINITY)));
     for reached in reached {
-        let domain = &reached.domain;
-        // An end that does not belong to it is come near to.
-        let margin = if domain.angle { 0.1f64.to_radians() } else { 1e-9 };
-        let least = domain.low + if domain.above_low { margin } else { 0.0 };
-        let most = domain.high - if domain.below_high { margin } else { 0.0 };
         // What lies outside as it is (and is told where it is used) must be able to stay where it is.
         let inside = |at: usize| reached.part.contains(&value.shape, at);
-        if (0..value.len()).any(|at| inside(at) && !(least..=most).contains(&value.data[at])) {
+        if (0..value.len()).any(|at| inside(at) && !reached.contains(value.data[at])) {
             continue;
         }
         for at in (0..value.len()).filter(|at| inside(*at)) {
+            let (least, most) = reached.limits(value.data[at]);
             low.data[at] = low.data[at].max(least);
             high.data[at] = high.data[at].min(most);
         }
@@ -91,7 +87,8 @@ fn is_color(info: &ParamInfo, reached: &[Reached]) -> bool {
     const WORDS: [&str; 9] =
         ["color", "colour", "albedo", "reflectance", "radiance", "specular", "diffuse", "tint", "emission"];
     let speaks = |text: &str| WORDS.iter().any(|word| text.to_lowercase().contains(word));
-    info.shape == [3] && (speaks(&info.name) || reached.iter().any(|r| r.part == Part::Whole && speaks(&r.argument)))
+    info.shape == [3]
+        && (speaks(&info.name) || reached.iter().any(|r| r.part.is_whole() && r.line.is_same() && speaks(&r.argument)))
 }
 
 /// The cameras of the script, where the chosen one is, and the line that puts it there.

@@ -68,7 +68,11 @@ pub fn diagnostic(analysis: &Analysis, diagnostic: &Diagnostic, uri: &str, lines
     });
     json!({
         "range": lines.range(span.start as usize, span.end as usize),
-        "severity": match diagnostic.severity { Severity::Error => 1, Severity::Warning => 2 },
+        "severity": match diagnostic.severity {
+            Severity::Error => 1,
+            Severity::Warning => 2,
+            Severity::Advice => 4,
+        },
         "code": diagnostic.code,
         "source": "dscene",
         "message": message,

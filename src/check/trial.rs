@@ -1,0 +1,73 @@
+//! What follows from other declarations than those of the script, or at a step of an optimisation: inferred aside, after which all is as before.
+
+use super::hir;
+use super::modules::{Checker, State};
+use super::signature::{Const, Sig};
+use super::types::Ty;
+use crate::diag::Diagnostic;
+use crate::source::Span;
+use crate::syntax::ast;
+
+/// A declaration that is temporarily replaced.
+pub struct Change {
+    pub decl: hir::DeclId,
+    pub ty: Ty,
+    pub value: Option<Const>,
+}
+
+impl Checker<'_> {
+    /// The type of an expression where replaced declarations have other sizes than usual. Everything that depends on them is inferred
+    /// again, and errors are reported with the replacement that causes them.
+    pub fn retyped(&mut self, body: &ast::Expr, wanted: Option<&Sig>, changes: &[Change], span: Span) -> Ty {
+        let (ty, inner) = self.trial(|checker| {
+            for change in changes {
+                let slot = checker.slot_mut(change.decl);
+                (slot.hir.ty, slot.value, slot.state) = (change.ty.clone(), change.value.clone(), State::Done);
+            }
+            checker.expr(body, wanted).expr.ty
+        });
+        let mut failed = false;
+        for diagnostic in inner.into_iter().filter(Diagnostic::is_error) {
+            failed = true;
+            let known = self.diagnostics.iter().any(|d| d.code == diagnostic.code && d.span() == diagnostic.span());
+            if !known {
+                self.diagnostics.push(diagnostic.label(span, "with this replacement"));
+            }
+        }
+        if failed { Ty::Error } else { ty }
+    }
+
+    /// Infers something with all that it needs of the user's declarations, as if for the first time; afterwards all is as before. Gives what
+    /// was reported meanwhile too.
+    pub fn trial<T>(&mut self, infer: impl FnOnce(&mut Self) -> T) -> (T, Vec<Diagnostic>) {
+        let (slots, specialised) = (self.slots.clone(), self.specialised.clone());
+        let (scene, integrator) = (self.default_scene.clone(), self.integrator);
+        let outer = std::mem::take(&mut self.diagnostics);
+        // What the library's schedules give is another number at each step.
+        let instances = match self.at_step {
+            Some(_) => std::mem::take(&mut self.instances),
+            None => self.instances.clone(),
+        };
+        self.forget_user_instances();
+        for (i, slot) in slots.iter().enumerate() {
+            if slot.state == State::Done && self.modules[slot.module].user {
+                self.slot_mut(hir::DeclId(i as u32)).state = State::Waiting;
+            }
+        }
+        let found = infer(self);
+        let inner = std::mem::replace(&mut self.diagnostics, outer);
+        (self.slots, self.instances, self.specialised) = (slots, instances, specialised);
+        (self.default_scene, self.integrator) = (scene, integrator);
+        (found, inner.into_all())
+    }
+
+    /// Results of the user's functions are inferred again.
+    pub fn forget_user_instances(&mut self) {
+        let (slots, modules) = (&self.slots, &self.modules);
+        let is_user = |key: &str| {
+            let id = key.split(' ').next().and_then(|id| id.parse::<usize>().ok());
+            id.is_none_or(|id| slots.get(id).is_none_or(|s| modules[s.module].user))
+        };
+        self.instances.retain(|key, _| !is_user(key));
+    }
+}
