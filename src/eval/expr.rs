@@ -329,7 +329,7 @@ impl Engine {
                 && let Some(x) = var.value().data.iter().find(|x| **x < reached.domain.low)
             {
                 let (argument, domain) = (reached.argument, reached.domain);
-                let found = if r.value.ty.is_angle() { show::angle_text(*x) } else { show::number_text(*x) };
+                let found = if r.value.ty.is_angle() { text::angle_text(*x) } else { show::number_text(*x) };
                 let message = format!("`{argument}` must be {domain}, this is {found}");
                 return Err(error::value(message, r.value.span));
             }

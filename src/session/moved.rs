@@ -82,7 +82,9 @@ pub fn moved_params(
 /// than others, or is an error of its own, and is left alone.
 fn kept_inside(space: &mut Space, reached: &Reached, value: &Tensor, name: &str) -> Option<String> {
     let inside = |at: usize| reached.part.contains(&value.shape, at);
-    if let Some((_, start)) = paced(value.data.iter().enumerate(), 1).find(|(at, x)| inside(*at) && !reached.contains(**x)) {
+    if let Some((_, start)) =
+        paced(value.data.iter().enumerate(), 1).find(|(at, x)| inside(*at) && !reached.contains(**x))
+    {
         let (message, help) = reached.told_outside(name, *start);
         return Some(help.map_or(message.clone(), |help| format!("{message}: {help}")));
     }
