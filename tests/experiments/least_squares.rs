@@ -72,7 +72,7 @@ fn what_is_no_sum_of_squares_is_said_to_be_none() {
     }
     // A value that the checker does not know.
     let d = error(
-        "param p = 1\nlet d = -sum([1])\nloss fit = mse(p, 0)\noptimize fit { using: levenberg_marquardt(damping: d) }",
+        "param p = 1\nlet d = -sum(noise([1]) ^ 0)\nloss fit = mse(p, 0)\noptimize fit { using: levenberg_marquardt(damping: d) }",
     );
     assert!(d.code == "dscene::run::optimizer" && d.message.contains("`damping`"), "{d:?}");
 }

@@ -102,7 +102,7 @@ fn the_record_of_a_run_is_not_saved_over() {
         assert!(stderr(&output).contains("dscene::file::output"), "{}", stderr(&output));
     }
     // Names that are known only when they are needed.
-    place.write("b.dscene", "let n = 1\nsave 1 to \"{if n > 0 then \"run\" else \"x\"}.json\"\n");
+    place.write("b.dscene", "let n = sum(noise([1]) ^ 0)\nsave 1 to \"{if n > 0 then \"run\" else \"x\"}.json\"\n");
     let output = place.dsl(&["run", "b.dscene", "--out", "r"]);
     assert_diagnosed(&output);
     assert!(stderr(&output).contains("the run itself is recorded"), "{}", stderr(&output));

@@ -344,7 +344,7 @@ fn a_blur_is_a_number_of_pixels() {
         &["a stage has no field `blurs`", "did you mean `blur`?"],
     );
     let place = Place::new();
-    place.write("script.dscene", pushed("mse(now, photo)", "steps: 9, blur: 3 - 2 * step"));
+    place.write("script.dscene", pushed("mse(now, photo)", "steps: 9, blur: 3 - 2 * step * sum(noise([1]) ^ 0)"));
     let output = place.dsl(&["run", "script.dscene", "--out", "run"]);
     assert_code(&output, 1);
     assert!(

@@ -121,7 +121,7 @@ pub const LAYOUTS: &[(&str, &str)] = &[
     ),
     (
         "let a=[{let y=2*x y+1}for x in 0..3 if x>1] let b=[{ x }]",
-        "let a = [\n  {\n    let y = 2 * x\n    y + 1\n  }\n  for x in 0..3 if x > 1\n]\nlet b = [{ x }]\n",
+        "let a = [{ let y = 2 * x y + 1 } for x in 0..3 if x > 1]\nlet b = [{ x }]\n",
     ),
     // Literals stay as they were written.
     (
