@@ -6,6 +6,9 @@ use std::collections::{HashMap, HashSet};
 use crate::diag::{Diagnostic, Label};
 use crate::source::{SourceId, Span};
 
+/// What one cause has wherever it is met: file, message and helps.
+type Cause = (SourceId, String, Vec<String>);
+
 /// Most places that are shown of one cause that is met again and again.
 const MOST_PLACES: usize = 3;
 
@@ -16,8 +19,8 @@ pub struct DiagnosticLog {
     /// Codes and places of the first `indexed` diagnostics.
     places: HashSet<(&'static str, Option<Span>)>,
     indexed: usize,
-    /// Where what has one cause stands in `all`, and the places in which it was met, by file, message and helps.
-    causes: HashMap<(SourceId, String, Vec<String>), (usize, Vec<Span>)>,
+    /// Where what has one cause stands in `all`, and the places in which it was met.
+    causes: HashMap<Cause, (usize, Vec<Span>)>,
 }
 
 impl DiagnosticLog {
@@ -74,6 +77,7 @@ impl DiagnosticLog {
     /// Takes back what was reported after the first `from` and is not to be kept.
     pub fn retain_since(&mut self, from: usize, mut keep: impl FnMut(&Diagnostic) -> bool) {
         let later = self.all.split_off(from);
+        self.causes.retain(|_, (at, _)| *at < from);
         self.errors -= later.iter().filter(|d| d.is_error()).count();
         if self.indexed > from {
             (self.indexed, self.places) = (0, HashSet::new());

@@ -17,7 +17,7 @@ fn check_tells_what_params_are_kept_inside_of() {
     let place = Place::new();
     let scene = "camera eye { film: [4, 4] }\nlight sky = constant(1)\nshape ball { mesh: sphere(), material: diffuse(r) }\n\
                  optimize mean(render(eye)) { steps: 1 }\n";
-    place.write("kept.dscene", &format!("param r = 0.5\n{scene}"));
+    place.write("kept.dscene", format!("param r = 0.5\n{scene}"));
     let check = place.dsl(&["check", "kept.dscene"]);
     assert_code(&check, 0);
     let told = "`r` stays from 0 to 1: it is the `reflectance` of `diffuse`";
@@ -33,9 +33,9 @@ fn check_tells_what_params_are_kept_inside_of() {
     let run = place.dsl(&["run", "kept.dscene", "--out", "o"]);
     assert_code(&run, 0);
     assert_eq!(stderr(&run).matches(told).count(), 1, "{}", stderr(&run));
-    place.write("kept.dscene", &format!("param r = 0.5 in 0..1\n{scene}"));
+    place.write("kept.dscene", format!("param r = 0.5 in 0..1\n{scene}"));
     assert_eq!(stdout(&place.dsl(&["check", "kept.dscene"])), "1 file checked: nothing to report\n");
-    place.write("kept.dscene", &format!("param r = 1.5\n{scene}"));
+    place.write("kept.dscene", format!("param r = 1.5\n{scene}"));
     let outside = place.dsl(&["check", "kept.dscene"]);
     assert_code(&outside, 0);
     assert!(stderr(&outside).contains("`r` starts at 1.5"), "{}", stderr(&outside));
