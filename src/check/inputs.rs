@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, HashMap, HashSet};
 use std::rc::Rc;
 
 use super::domains::{Line, Part, Reached, Taken, domain_of_field};
-use super::flow::{children, walk};
+use super::flow::{children, reaching_params, walk};
 use super::hir::*;
 use super::types::Ty;
 
@@ -32,6 +32,7 @@ pub fn of_params(program: &Program) -> BTreeMap<DeclId, Vec<Reached>> {
         calls: HashMap::new(),
         active: Vec::new(),
         in_loss: true,
+        guarded: Vec::new(),
         left: MOST,
         depth: 0,
     };
@@ -218,6 +219,8 @@ struct Run<'p> {
     /// Whether what is looked at is part of a loss. What is printed or saved beside it is a scene too, but a root of a negative number in it ends
     /// nothing.
     in_loss: bool,
+    /// Params of the conditions under which what is looked at is evaluated.
+    guarded: Vec<DeclId>,
     left: usize,
     depth: usize,
 }
@@ -267,7 +270,10 @@ impl<'p> Run<'p> {
             }
             ExprKind::If { condition, then, otherwise } => {
                 self.expr(condition);
+                let outer = self.guarded.len();
+                self.guard(condition);
                 let branches = vec![self.expr(then), self.expr(otherwise)];
+                self.guarded.truncate(outer);
                 Known::any_of(branches)
             }
             ExprKind::Let { local, value, body } => {
@@ -304,6 +310,13 @@ impl<'p> Run<'p> {
     }
 
     fn comprehension(&mut self, c: &'p Comprehension) -> Known<'p> {
+        let outer = self.guarded.len();
+        let known = self.each_item(c);
+        self.guarded.truncate(outer);
+        known
+    }
+
+    fn each_item(&mut self, c: &'p Comprehension) -> Known<'p> {
         if let [clause] = &c.clauses[..] {
             let items = self.expr(&clause.items);
             if let (Known::Items(all), None) = (&items, &clause.condition)
@@ -316,12 +329,18 @@ impl<'p> Run<'p> {
                 return Known::Items(each.collect());
             }
             self.bind_item(clause, &items.take(Taken::Any));
-            clause.condition.iter().for_each(|condition| _ = self.expr(condition));
+            clause.condition.iter().for_each(|condition| {
+                self.expr(condition);
+                self.guard(condition);
+            });
         } else {
             for clause in &c.clauses {
                 let items = self.expr(&clause.items);
                 self.bind_item(clause, &items.take(Taken::Any));
-                clause.condition.iter().for_each(|condition| _ = self.expr(condition));
+                clause.condition.iter().for_each(|condition| {
+                    self.expr(condition);
+                    self.guard(condition);
+                });
             }
         }
         Known::List(Rc::new(self.expr(&c.element)))
@@ -511,12 +530,27 @@ impl<'p> Run<'p> {
         known
     }
 
+    /// Notes the params of a condition. Whoever asks for `x > 0` before `sqrt(x)` goes on where it is not: that is no bound.
+    fn guard(&mut self, condition: &'p Expr) {
+        self.guarded.extend(reaching_params(self.program, condition));
+        let mut seen = Vec::new();
+        walk(condition, &mut |e| {
+            if let ExprKind::Local(id) = &e.kind
+                && let Some(known) = self.locals.get(id)
+            {
+                known.params(&mut seen);
+            }
+        });
+        self.guarded.extend(seen.into_iter().map(|(id, ..)| id));
+    }
+
     fn record(&mut self, known: &Known<'p>, input: &Reached) {
         if input.is_steep && !self.in_loss {
             return;
         }
         let mut params = Vec::new();
         known.params(&mut params);
+        params.retain(|(id, ..)| !self.guarded.contains(id));
         for (id, part, line) in params {
             let reached = input.through(part, line, self.program.decl(id).ty.is_angle());
             let found = self.found.entry(id).or_default();

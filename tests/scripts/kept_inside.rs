@@ -2,6 +2,21 @@
 
 use dscene::check::{self, Checked, Disk};
 
+/// A script with a param and what makes something of it, and what is noted of that.
+fn told_of(param: &str, script: &str) -> (String, Vec<String>) {
+    let loss = if param.contains("deg") { "r / 1deg" } else { "sum(r)" };
+    let beside = if script.contains("let m = ") { "m" } else { "0" };
+    let text = format!(
+        "import std.presets as presets\nimport std.studio as studio\ncamera eye {{ film: [4, 4] }}\nparam r{}\n\
+         param other = 1\n{script}\noptimize {loss} + {beside} + other ^ 2 {{ steps: 1 }}\n",
+        &param[1..]
+    );
+    let Checked { program, diagnostics, .. } = check::check_text("test.dscene", None, &text, &[], &Disk);
+    let program = program.unwrap_or_else(|| panic!("{text}: {diagnostics:#?}"));
+    let told = check::kept_inside(&program).into_iter().map(|note| note.message).collect();
+    (text, told)
+}
+
 /// What becomes of each param is followed to the inputs of the library, whose domains it then keeps: unchanged and along straight lines.
 #[test]
 fn what_params_are_kept_inside_of_is_known_before_a_run() {
@@ -73,6 +88,20 @@ fn what_params_are_kept_inside_of_is_known_before_a_run() {
         ("r = 0.5", shape("diffuse(min(r, 1))"), ""),
         ("r = 0.5", shape("diffuse(r * r)"), ""),
         ("r = 0.5", "let m = r ^ 2".to_owned(), ""),
+        // A condition that asks for the param goes on where it is no bound.
+        ("r = 0.5", "let m = if r > 0 then sqrt(r) else r ^ 2".to_owned(), ""),
+        ("r = [0.5, 2]", "let m = sum([sqrt(x) for x in r if x > 0])".to_owned(), ""),
+        (
+            "r = [0.5, 2]",
+            "let m = sum([sqrt(x) for x in r])".to_owned(),
+            "`r` stays 0 or more: it is the `x` of `sqrt`",
+        ),
+        ("r = 0.5", "fn root(x: scalar) = if x < 0 then 0 else sqrt(x)\nlet m = root(r)".to_owned(), ""),
+        (
+            "r = 0.5",
+            "let m = if other > 0 then sqrt(r) else 0".to_owned(),
+            "`r` stays 0 or more: it is the `x` of `sqrt`",
+        ),
         // Beside the loss.
         ("r = 0.5", "let x = sqrt(r)".to_owned(), ""),
         ("r = 0.5 in 0..1", shape("diffuse(r)"), ""),
@@ -81,17 +110,7 @@ fn what_params_are_kept_inside_of_is_known_before_a_run() {
         ("r = 0.5 { frozen: true }", shape("diffuse(r)"), ""),
     ];
     for (param, script, wanted) in rows {
-        let loss = if param.contains("deg") { "r / 1deg" } else { "sum(r)" };
-        let beside = if script.starts_with("let m") { "m" } else { "0" };
-        let text = format!(
-            "import std.presets as presets\nimport std.studio as studio\ncamera eye {{ film: [4, 4] }}\nparam r{}\n\
-             param other = 1\n{script}\noptimize {loss} + {beside} + other ^ 2 {{ steps: 1 }}\n",
-            &param[1..]
-        );
-        let Checked { program, diagnostics, .. } = check::check_text("test.dscene", None, &text, &[], &Disk);
-        let program = program.unwrap_or_else(|| panic!("{text}: {diagnostics:#?}"));
-        let notes = check::kept_inside(&program);
-        let told: Vec<&str> = notes.iter().map(|note| note.message.as_str()).collect();
+        let (text, told) = told_of(param, &script);
         match wanted {
             "" => assert!(told.is_empty(), "{text}: {told:#?}"),
             _ => assert!(told.iter().any(|note| note.contains(wanted)), "{text}: {told:#?}"),

@@ -298,6 +298,13 @@ mod tests {
             }),
             changed(|d| d.shapes[2].material.kind = MaterialKind::Mirror { reflectance: Input::Texture(0) }),
             changed(|d| d.shapes[2].material.kind = MaterialKind::Diffuse { reflectance: Input::Texture(0) }),
+            // Ground glass that absorbs, beside matte surfaces.
+            changed(|d| {
+                d.textures.extend([1.5, 0.3, 0.8].map(|x| Texture::constant(Vec3::splat(x))));
+                let [ior, roughness, absorption] = [3, 2, 1].map(|back| Input::Texture(d.textures.len() - back));
+                let (roughness, absorption) = (Some(roughness), Some(absorption));
+                d.shapes[2].material.kind = MaterialKind::Dielectric { ior, roughness, absorption };
+            }),
         ];
         let plain = Options { keep_black: true, split_lobes: true, ..Options::new(6) };
         let all_options = [

@@ -101,6 +101,8 @@ impl Scene {
         // A BSDF is large: where nothing is done to it, it stays where it is.
         let mut bsdf = match shading.bsdf {
             _ if shading.one_sided && flip < 0.0 => Bsdf::Black,
+            // Most surfaces are diffuse, and a copy of that is small.
+            Some(Bsdf::Diffuse { reflectance }) => Bsdf::Diffuse { reflectance },
             Some(bsdf) => bsdf,
             None => self.bsdf(&self.description.shapes[facet.shape as usize].material, prim, b),
         };

@@ -181,10 +181,10 @@ struct Bounce<'a> {
     scene: &'a Scene,
     options: &'a Options<'a>,
     number: u32,
-    /// This is the last bounce: a scattered ray can only find a light, which light sampling finds too.
-    last: bool,
-    /// [`LightTable::last_bounce_probability`](crate::render::light::LightTable::last_bounce_probability).
-    last_bounce_probability: f32,
+    /// The probabilities with which a path continues at diffuse surfaces, at others, and before it has hit a required shape. At the last bounce a
+    /// scattered ray can only find a light, which light sampling finds too: then it continues by
+    /// [`LightTable::last_bounce_probability`](crate::render::light::LightTable::last_bounce_probability) only, elsewhere wherever that is not 0.
+    probabilities: [f32; 3],
     /// [`Options::area_sampling_fraction`]; zero at the last bounce. Mirrors never sample by area.
     area_sampling_fraction: f32,
 }
@@ -193,13 +193,13 @@ impl<'a> Bounce<'a> {
     #[inline(always)]
     fn new(scene: &'a Scene, options: &'a Options, number: u32) -> Bounce<'a> {
         let last = number + 1 == options.max_bounces && options.next_event;
+        let last_bounce = scene.lights.last_bounce_probability();
         let area_sampling_fraction = if last { 0.0 } else { options.area_sampling_fraction };
         Bounce {
             scene,
             options,
             number,
-            last,
-            last_bounce_probability: scene.lights.last_bounce_probability(),
+            probabilities: if last { [last_bounce, last_bounce.ceil(), 0.0] } else { [1.0; 3] },
             area_sampling_fraction,
         }
     }
@@ -207,9 +207,9 @@ impl<'a> Bounce<'a> {
     /// The probability with which a path continues, before Russian roulette.
     #[inline(always)]
     fn scatter_probability(self, contributes: bool, diffuse: bool) -> f32 {
-        let last = if (self.last_bounce_probability == 0.0) | diffuse { self.last_bounce_probability } else { 1.0 };
-        let last = if contributes { last } else { 0.0 };
-        if self.last { last } else { 1.0 }
+        let [on_diffuse, on_others, before_required] = self.probabilities;
+        let contributing = if diffuse { on_diffuse } else { on_others };
+        if contributes { contributing } else { before_required }
     }
 }
 
@@ -349,7 +349,7 @@ impl<const N: usize> Paths<N> {
         self.radiance.set(k, if options.first_emission { throughput * si.emission } else { Vec3::ZERO });
         self.contributes[k] = options.is_required(si.shape);
         self.alive.add_if(!si.bsdf.is_black(), k);
-        self.set_vertex(k, si, needs_all::<R>(options));
+        self.set_vertex(k, si, needs_all(options));
     }
 
     /// Moves a path to a vertex, with `all` of the interaction or only what a flat diffuse surface needs.
@@ -559,14 +559,14 @@ impl<const N: usize> Paths<N> {
             let mut more = Vec::new();
             let skip = skipped::<N>(bounce, &ends, &mut more);
             let through = scene.unoccluded(&ray, root, skip, masks, |c| rec.cross(&c));
-            let Paths { shadows, lights, inside, si, .. } = self;
+            let Paths { shadows, lights, inside, si, matte, .. } = self;
             shadows.open[k] = through.is_some();
             let Some(transmittance) = through else { continue };
             shadows.transmittance[k] = transmittance;
             let (mut body, mut attenuation) = (None, Vec3::ONE);
             if scene.absorbs() {
                 let mut inside = inside[k];
-                if si[k].bsdf.is_rough_dielectric() && si[k].side(shadows.dir.get(k)) < 0.0 {
+                if !matte[k] && si[k].bsdf.is_rough_dielectric() && si[k].side(shadows.dir.get(k)) < 0.0 {
                     scene.pass(&mut inside, &si[k]);
                 }
                 body = inside.body();
@@ -715,15 +715,15 @@ impl<const N: usize> Paths<N> {
             self.throughput.set(k, throughput * through.weight);
             self.contributes[k] |= options.is_required(si.shape);
             left.add_if(!si.bsdf.is_black(), k);
-            self.set_vertex(k, &si, needs_all::<R>(options));
+            self.set_vertex(k, &si, needs_all(options));
         }
         self.alive = left;
     }
 }
 
 /// Whether the whole interaction is needed even at flat diffuse surfaces.
-fn needs_all<R: Recorder>(options: &Options) -> bool {
-    R::RECORDS || options.area_sampling_fraction > 0.0
+fn needs_all(options: &Options) -> bool {
+    options.area_sampling_fraction > 0.0
 }
 
 /// [`Bounce::area_sampling_fraction`] at a vertex; zero at a mirror, which has only one direction.
