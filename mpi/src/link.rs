@@ -3,6 +3,7 @@
 //! One thread makes all calls of MPI, so that the simplest kind of thread support is enough, and another one asks it and waits. The one that
 //! waits looks at the flag of Ctrl-C meanwhile: MPI itself never gives up, not even if another process has died.
 
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
@@ -21,8 +22,11 @@ use mpi::traits::{Communicator, CommunicatorCollectives};
 const ROUND: usize = 1 << 29;
 /// How often the flag of Ctrl-C is looked at.
 const LOOK: Duration = Duration::from_millis(10);
-/// How long after Ctrl-C answers are waited for. Open MPI kills processes a second after it has asked them to end.
+/// How long after Ctrl-C the first process waits for answers. Open MPI kills processes a second after it has asked them to end.
 const PATIENCE: Duration = Duration::from_millis(200);
+/// How long the others wait. Once asked to end, `mpirun` kills all processes as soon as one of them has ended, and the first has a checkpoint
+/// to write: it is to be the first that ends, if it lives.
+const PATIENCE_OF_OTHERS: Duration = Duration::from_secs(5);
 
 /// What one process says to another before its message: where it stands, and how long the message is.
 type Head = [u64; 2];
@@ -53,6 +57,8 @@ struct Mpi {
     neighbours: usize,
     /// To the thread that makes the calls and back; `None` once it does not answer.
     post: Mutex<Option<Post>>,
+    /// Whether a process has come to its end before the others: then all that is left to say is that one ends too.
+    is_over: AtomicBool,
 }
 
 struct Post {
@@ -75,8 +81,10 @@ pub fn join() -> Option<Arc<dyn Link>> {
     });
     // Without MPI, or without other processes, this is `dsl` itself.
     let (rank, count, neighbours) = started.recv().ok()?;
-    (count > 1)
-        .then(|| Arc::new(Mpi { rank, count, neighbours, post: Mutex::new(Some(Post { to, from })) }) as Arc<dyn Link>)
+    (count > 1).then(|| {
+        let (post, is_over) = (Mutex::new(Some(Post { to, from })), AtomicBool::new(false));
+        Arc::new(Mpi { rank, count, neighbours, post, is_over }) as Arc<dyn Link>
+    })
 }
 
 /// Carries letters until all processes have come to their ends.
@@ -154,6 +162,7 @@ impl Mpi {
         let mut place = self.post.lock().unwrap_or_else(PoisonError::into_inner);
         let post = place.take()?;
         post.to.send(letters).ok()?;
+        let patience = if self.rank == 0 { PATIENCE } else { PATIENCE_OF_OTHERS };
         let mut asked_to_stop: Option<Instant> = None;
         let answer = loop {
             match post.from.recv_timeout(LOOK) {
@@ -161,7 +170,7 @@ impl Mpi {
                 Err(RecvTimeoutError::Disconnected) => return None,
                 Err(RecvTimeoutError::Timeout) => {}
             }
-            if world::interrupted() && asked_to_stop.get_or_insert_with(Instant::now).elapsed() > PATIENCE {
+            if world::interrupted() && asked_to_stop.get_or_insert_with(Instant::now).elapsed() > patience {
                 return None;
             }
         };
@@ -170,11 +179,14 @@ impl Mpi {
     }
 
     fn messages(&self, letters: Letters) -> Result<Vec<Vec<u8>>, Lost> {
+        if self.is_over.load(Ordering::Relaxed) {
+            return Err(Lost);
+        }
         match self.ask(letters) {
             Some(Answer::Messages(messages)) => Ok(messages),
             Some(Answer::Ended(ranks)) => {
                 tell_lost(&ranks, self.count);
-                self.post.lock().unwrap_or_else(PoisonError::into_inner).take();
+                self.is_over.store(true, Ordering::Relaxed);
                 Err(Lost)
             }
             None => Err(Lost),
@@ -204,12 +216,19 @@ impl Link for Mpi {
     }
 
     fn end(&self) -> bool {
-        let ended = matches!(self.ask(Letters::End), Some(Answer::Ended(ranks)) if ranks.len() == self.count);
-        if ended && let Some(post) = self.post.lock().unwrap_or_else(PoisonError::into_inner).take() {
+        let have_all = |answer| matches!(answer, Some(Answer::Ended(ranks)) if ranks.len() == self.count);
+        // Where one has come to its end before others, all of them know, and have nothing more to do but to end: it waits for that.
+        let together = !self.is_over.load(Ordering::Relaxed) && have_all(self.ask(Letters::End));
+        let in_order = together || have_all(self.ask(Letters::End));
+        // (Not after Ctrl-C: `mpirun` is about to kill them all, and does not answer meanwhile.)
+        if in_order
+            && !world::interrupted()
+            && let Some(post) = self.post.lock().unwrap_or_else(PoisonError::into_inner).take()
+        {
             // MPI is left in order before the process ends: the other thread answers nothing more, and is gone then.
             drop(post.to);
             let _ = post.from.recv();
         }
-        ended
+        together
     }
 }
