@@ -41,6 +41,9 @@ impl Facet {
 /// Data that are the same at all points of a shape.
 #[derive(Clone, Copy)]
 pub(crate) struct ShapeShading {
+    /// The reflectance of a diffuse material, if it is constant and nothing else is to be known of the surface: it is flat, alike on both
+    /// sides, and emits nothing.
+    pub plain: Option<Vec3>,
     /// The material, if all its inputs are constant.
     pub bsdf: Option<Bsdf>,
     /// The radiance of an emitter, if it is constant.
@@ -66,7 +69,8 @@ impl ShapeShading {
         };
         let bsdf = shape.material.try_bsdf(|_, input| constant(*input).ok_or(())).ok();
         let emission = shape.emission.as_ref();
-        ShapeShading {
+        let mut shading = ShapeShading {
+            plain: None,
             bsdf,
             radiance: emission.and_then(|e| constant(e.radiance)),
             emits: emission.is_some(),
@@ -75,6 +79,12 @@ impl ShapeShading {
             smooth: shape.mesh.normals.is_some(),
             mapped: shape.material.normals.is_some(),
             grained: shape.material.grains().next().is_some(),
-        }
+        };
+        let is_special = shading.emits || shading.one_sided || shading.smooth || shading.mapped || shading.grained;
+        shading.plain = match bsdf {
+            Some(Bsdf::Diffuse { reflectance }) if !is_special => Some(reflectance),
+            _ => None,
+        };
+        shading
     }
 }

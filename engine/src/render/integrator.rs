@@ -4,6 +4,7 @@
 //! [`Recorder`] receives each vertex and each light connection with the numbers that were used, so that the derivative code uses exactly
 //! the same transport.
 
+mod bounce;
 mod lanes;
 mod paths;
 
@@ -178,6 +179,12 @@ impl FirstSegment {
         });
         FirstSegment { t, through, bodies }
     }
+
+    /// What the body on the way does not absorb.
+    #[inline(always)]
+    fn attenuation(&self) -> Vec3 {
+        self.bodies.as_ref().map_or(Vec3::ONE, |(_, attenuation)| *attenuation)
+    }
 }
 
 /// One-sample estimate of the radiance along a path's first segment, towards its start.
@@ -221,6 +228,11 @@ mod tests {
     use crate::render::material::{Input, Material, MaterialKind};
     use crate::render::scene::{DeltaLight, Emission, SceneDescription, Shape, SphericalMap};
     use crate::render::texture::{Filter, Texture, Wrap};
+
+    /// Whoever records needs whole interactions everywhere.
+    struct Records;
+
+    impl Recorder for Records {}
 
     /// A glossy ball in a corner, a lamp, and a sky of two halves.
     fn corner() -> Scene {
@@ -331,6 +343,8 @@ mod tests {
                     let mut alone = sampler(k);
                     let expected = trace(scene, Start::Ray(*ray, &[]), &mut alone, options, &mut NoRecord);
                     assert_eq!(paths.radiance(k), expected, "case {case}, batch {batch}, path {k}");
+                    let recorded = trace(scene, Start::Ray(*ray, &[]), &mut sampler(k), options, &mut Records);
+                    assert_eq!(recorded, expected, "recorded: case {case}, batch {batch}, path {k}");
                     lit += usize::from(expected.max_element() > 0.2);
                 }
             }

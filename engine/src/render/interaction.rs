@@ -2,7 +2,7 @@
 
 use glam::{Vec2, Vec3};
 
-use super::accel::{NO_PRIM, PrimId, Ray};
+use super::accel::{Hit, NO_PRIM, PrimId, Ray};
 use super::bsdf::{Bsdf, BsdfSample, Dielectric, Lobe, Part, refract};
 use super::environment::environment_uv;
 use super::facets::ShapeShading;
@@ -35,6 +35,15 @@ pub struct SurfaceInteraction {
     pub bsdf: Bsdf,
     /// Emitted radiance towards `wi`.
     pub emission: Vec3,
+}
+
+/// All that a path needs of a point on a flat diffuse surface of one colour that emits nothing.
+pub(crate) struct Plain {
+    pub shape: u32,
+    pub p: Vec3,
+    /// Unit normal on the side that the ray comes from.
+    pub n: Vec3,
+    pub reflectance: Vec3,
 }
 
 /// The value of one part of a BSDF, diffuse or specular.
@@ -128,6 +137,16 @@ impl Scene {
             bsdf,
             emission,
         }
+    }
+
+    /// What [`Scene::interaction`] says of a point that a ray in direction `dir` has hit, if it says no more than this: most surfaces of most
+    /// scenes are so, and a whole interaction is large.
+    #[inline(always)]
+    pub(crate) fn plain(&self, hit: &Hit, dir: Vec3) -> Option<Plain> {
+        let facet = &self.facets[hit.prim as usize];
+        let reflectance = self.shape_shading[facet.shape as usize].plain?;
+        let flip = if facet.normal.dot(-dir) < 0.0 { -1.0 } else { 1.0 };
+        Some(Plain { shape: facet.shape, p: facet.point(hit.b), n: facet.normal * flip, reflectance })
     }
 
     /// The normal of a surface with vertex normals or with a normal map, its sign relative to the interpolated normal, and whether the map has

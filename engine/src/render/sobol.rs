@@ -1,7 +1,7 @@
 //! Four dimensions of a scrambled Sobol sequence (Burley 2020, "Practical Hash-based Owen Scrambling"), without a branch.
 //!
 //! The usual implementation loops over the bits of the index, and the processor mispredicts the end of that loop nearly every time. Here
-//! tables are indexed by four bits at a time, and the four dimensions are computed side by side in SIMD registers.
+//! tables are indexed by eight bits at a time, and the four dimensions are computed side by side in SIMD registers.
 
 use crate::math::hash_u32;
 
@@ -9,10 +9,10 @@ use crate::math::hash_u32;
 pub const INDEX_BITS: u32 = 16;
 
 const DIMENSIONS: usize = 4;
-const DIGITS: usize = INDEX_BITS as usize / 4;
+const BYTES: usize = INDEX_BITS as usize / 8;
 
-/// By hexadecimal digit of the index (bits reversed, highest first): its contribution to the point (bits reversed).
-static TABLES: [[[u32; DIMENSIONS]; 16]; DIGITS] = tables();
+/// By byte of the index (bits reversed, highest first): its contribution to the point (bits reversed).
+static TABLES: [[[u32; DIMENSIONS]; 256]; BYTES] = tables();
 
 /// Joe and Kuo's (2008) direction numbers: a primitive polynomial's degree and inner coefficients, and the first odd numbers.
 const POLYNOMIALS: [(usize, u32, [u32; 3]); DIMENSIONS - 1] = [(1, 0, [1, 0, 0]), (2, 1, [1, 3, 0]), (3, 1, [1, 3, 1])];
@@ -43,18 +43,18 @@ const fn directions(dimension: usize) -> [u32; INDEX_BITS as usize] {
     v
 }
 
-const fn tables() -> [[[u32; DIMENSIONS]; 16]; DIGITS] {
-    let mut tables = [[[0; DIMENSIONS]; 16]; DIGITS];
+const fn tables() -> [[[u32; DIMENSIONS]; 256]; BYTES] {
+    let mut tables = [[[0; DIMENSIONS]; 256]; BYTES];
     let mut dimension = 0;
     while dimension < DIMENSIONS {
         let directions = directions(dimension);
         let mut entry = 0;
-        while entry < DIGITS * 16 {
-            let (digit, value) = (entry / 16, entry % 16);
+        while entry < BYTES * 256 {
+            let (byte, value) = (entry / 256, entry % 256);
             let mut bit = 0;
-            while bit < 4 {
-                if value >> (3 - bit) & 1 == 1 {
-                    tables[digit][value][dimension] ^= directions[4 * digit + bit].reverse_bits();
+            while bit < 8 {
+                if value >> (7 - bit) & 1 == 1 {
+                    tables[byte][value][dimension] ^= directions[8 * byte + bit].reverse_bits();
                 }
                 bit += 1;
             }
@@ -84,11 +84,11 @@ impl Scramble {
     #[inline(always)]
     pub fn point(&self, index_rev: u32) -> [f32; DIMENSIONS] {
         let index = owen(index_rev, self.index);
-        let digit = |i: usize| &TABLES[i][(index >> (28 - 4 * i) & 15) as usize];
-        let digits = [digit(0), digit(1), digit(2), digit(3)];
+        let byte = |i: usize| &TABLES[i][(index >> (24 - 8 * i) & 255) as usize];
+        let bytes = [byte(0), byte(1)];
         let mut point = [0.0; DIMENSIONS];
         for (i, x) in point.iter_mut().enumerate() {
-            let sobol = digits[0][i] ^ digits[1][i] ^ digits[2][i] ^ digits[3][i];
+            let sobol = bytes[0][i] ^ bytes[1][i];
             let bits = owen(sobol, self.dimensions[i]).reverse_bits();
             *x = f32::from_bits(bits >> 9 | 0x3f80_0000) - 1.0;
         }

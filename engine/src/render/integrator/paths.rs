@@ -7,13 +7,14 @@
 
 use glam::Vec3;
 
+use super::bounce::{Bounce, DirectionSample, area_sampling_fraction, sample_direction, skipped};
 use super::lanes::{PathSet, Vectors, is_finite, is_zero};
 use super::{Connection, Continuation, FirstSegment, Options, Recorder};
 use crate::math::{Frame, cosine_hemisphere, cosine_hemisphere_pdf};
 use crate::render::accel::{Hit, NO_PRIM, PrimId, Ray, RootHits};
 use crate::render::bodies::Inside;
-use crate::render::bsdf::{Bsdf, BsdfSample, Lobe, MIN_LOBE_SHARE, lambertian};
-use crate::render::interaction::{SurfaceInteraction, end_before, offset};
+use crate::render::bsdf::{Bsdf, BsdfSample, Lobe, lambertian};
+use crate::render::interaction::{Plain, SurfaceInteraction, end_before, offset};
 use crate::render::light::{Arrival, LightKind, LightSample};
 use crate::render::mask::MaskWeight;
 use crate::render::sampler::Sampler;
@@ -109,16 +110,11 @@ impl GeneralScatter {
         GeneralScatter { lobe: Lobe::DIFFUSE, attached: false, area_sampling_fraction: 0.0, target: None };
 }
 
-/// A sampled direction in which a path may continue.
-struct DirectionSample {
-    sample: BsdfSample,
-    /// The primitive aimed at, if the direction was sampled by area.
-    target: Option<PrimId>,
-}
-
 /// Paths side by side, each at a vertex.
 pub struct Paths<const N: usize> {
     alive: PathSet<N>,
+    /// Those of them whose surface is not flat and diffuse.
+    general: PathSet<N>,
     radiance: Vectors<N>,
     throughput: Vectors<N>,
     /// The square of the refractive index around the path over that around its start: radiance is larger by this, and Russian roulette
@@ -175,49 +171,12 @@ impl<const N: usize> Hits<N> {
     }
 }
 
-/// Parameters that all paths share in one step.
-#[derive(Clone, Copy)]
-struct Bounce<'a> {
-    scene: &'a Scene,
-    options: &'a Options<'a>,
-    number: u32,
-    /// The probabilities with which a path continues at diffuse surfaces, at others, and before it has hit a required shape. At the last bounce a
-    /// scattered ray can only find a light, which light sampling finds too: then it continues by
-    /// [`LightTable::last_bounce_probability`](crate::render::light::LightTable::last_bounce_probability) only, elsewhere wherever that is not 0.
-    probabilities: [f32; 3],
-    /// [`Options::area_sampling_fraction`]; zero at the last bounce. Mirrors never sample by area.
-    area_sampling_fraction: f32,
-}
-
-impl<'a> Bounce<'a> {
-    #[inline(always)]
-    fn new(scene: &'a Scene, options: &'a Options, number: u32) -> Bounce<'a> {
-        let last = number + 1 == options.max_bounces && options.next_event;
-        let last_bounce = scene.lights.last_bounce_probability();
-        let area_sampling_fraction = if last { 0.0 } else { options.area_sampling_fraction };
-        Bounce {
-            scene,
-            options,
-            number,
-            probabilities: if last { [last_bounce, last_bounce.ceil(), 0.0] } else { [1.0; 3] },
-            area_sampling_fraction,
-        }
-    }
-
-    /// The probability with which a path continues, before Russian roulette.
-    #[inline(always)]
-    fn scatter_probability(self, contributes: bool, diffuse: bool) -> f32 {
-        let [on_diffuse, on_others, before_required] = self.probabilities;
-        let contributing = if diffuse { on_diffuse } else { on_others };
-        if contributes { contributing } else { before_required }
-    }
-}
-
 impl<const N: usize> Paths<N> {
     #[inline(always)]
     pub(crate) fn new() -> Paths<N> {
         Paths {
             alive: PathSet::NONE,
+            general: PathSet::NONE,
             radiance: Vectors::ZERO,
             throughput: Vectors::ZERO,
             radiance_scale: [1.0; N],
@@ -303,7 +262,7 @@ impl<const N: usize> Paths<N> {
     ) {
         const { assert!(0 < N && N <= 256, "paths are numbered by bytes") }
         debug_assert!(rays.len() <= N);
-        self.alive = PathSet::NONE;
+        (self.alive, self.general) = (PathSet::NONE, PathSet::NONE);
         if N > 1 {
             for (root, ray) in self.roots.iter_mut().zip(rays) {
                 *root = scene.accel.intersect_root(ray);
@@ -316,8 +275,16 @@ impl<const N: usize> Paths<N> {
         for (k, ray) in rays.iter().enumerate().take(N) {
             let way = FirstSegment::new(scene, ray, options, (self.hits.t[k], self.hits.through[k]));
             if let Some(hit) = self.hits.get(k) {
-                let si = scene.interaction(hit.prim, hit.b, -ray.dir);
-                self.start_at(k, &si, &way, options, &mut recs[k]);
+                if !(R::RECORDS || needs_all(options))
+                    && let Some(plain) = scene.plain(&hit, ray.dir)
+                {
+                    self.begin(k, plain.shape, Vec3::ZERO, &way, options);
+                    self.alive.add_if(true, k);
+                    self.set_matte(k, hit.prim, &plain);
+                } else {
+                    let si = scene.interaction(hit.prim, hit.b, -ray.dir);
+                    self.start_at(k, &si, &way, options, &mut recs[k]);
+                }
             } else {
                 let seen = options.first_environment && scene.environment.is_some();
                 let sky = if seen { scene.environment_radiance(ray.dir) * way.through.weight } else { Vec3::ZERO };
@@ -335,26 +302,44 @@ impl<const N: usize> Paths<N> {
         options: &Options,
         rec: &mut R,
     ) {
-        let attenuation = way.bodies.as_ref().map_or(Vec3::ONE, |(_, attenuation)| *attenuation);
-        rec.vertex(si, attenuation, way.t, &way.through);
-        if let Some((inside, _)) = &way.bodies {
-            if let Some(body) = inside.body() {
-                rec.absorbed(body);
-            }
-            self.inside[k] = *inside;
+        rec.vertex(si, way.attenuation(), way.t, &way.through);
+        if let Some(body) = way.bodies.as_ref().and_then(|(inside, _)| inside.body()) {
+            rec.absorbed(body);
         }
-        let throughput = attenuation * way.through.weight;
-        self.throughput.set(k, throughput);
-        self.radiance_scale[k] = 1.0;
-        self.radiance.set(k, if options.first_emission { throughput * si.emission } else { Vec3::ZERO });
-        self.contributes[k] = options.is_required(si.shape);
-        self.alive.add_if(!si.bsdf.is_black(), k);
-        self.set_vertex(k, si, needs_all(options));
+        self.begin(k, si.shape, si.emission, way, options);
+        let scatters = !si.bsdf.is_black();
+        self.alive.add_if(scatters, k);
+        self.set_vertex(k, si, scatters, needs_all(options));
     }
 
-    /// Moves a path to a vertex, with `all` of the interaction or only what a flat diffuse surface needs.
+    /// What a path begins with at its first vertex.
     #[inline(always)]
-    fn set_vertex(&mut self, k: usize, si: &SurfaceInteraction, all: bool) {
+    fn begin(&mut self, k: usize, shape: u32, emission: Vec3, way: &FirstSegment, options: &Options) {
+        if let Some((inside, _)) = &way.bodies {
+            self.inside[k] = *inside;
+        }
+        let throughput = way.attenuation() * way.through.weight;
+        self.throughput.set(k, throughput);
+        self.radiance_scale[k] = 1.0;
+        self.radiance.set(k, if options.first_emission { throughput * emission } else { Vec3::ZERO });
+        self.contributes[k] = options.is_required(shape);
+    }
+
+    /// Moves a path to a vertex on a flat diffuse surface.
+    #[inline(always)]
+    fn set_matte(&mut self, k: usize, prim: PrimId, at: &Plain) {
+        self.prim[k] = prim;
+        self.p.set(k, at.p);
+        self.offset[k] = offset(at.p) * self.offset_scale;
+        self.n.set(k, at.n);
+        self.reflectance.set(k, at.reflectance);
+        (self.diffuse[k], self.matte[k]) = (true, true);
+    }
+
+    /// Moves a path, which goes on from there if the surface `scatters`, to a vertex, with `all` of the interaction or only what a flat
+    /// diffuse surface needs.
+    #[inline(always)]
+    fn set_vertex(&mut self, k: usize, si: &SurfaceInteraction, scatters: bool, all: bool) {
         self.prim[k] = si.prim;
         self.p.set(k, si.p);
         self.offset[k] = offset(si.p) * self.offset_scale;
@@ -364,6 +349,7 @@ impl<const N: usize> Paths<N> {
         if let Bsdf::Diffuse { reflectance } = si.bsdf {
             self.reflectance.set(k, reflectance);
         }
+        self.general.add_if(scatters & !self.matte[k], k);
         if all || !self.matte[k] {
             self.si[k] = *si;
         }
@@ -421,7 +407,8 @@ impl<const N: usize> Paths<N> {
             shadows.geometry[k] = arrival.geometry;
             shadows.open[k] = shines & lights.chosen[k];
         }
-        for k in self.alive.iter() {
+        let others = if bounce.scene.lights.are_surfaces() { PathSet::NONE } else { self.alive };
+        for k in others.iter() {
             if !lights.area[k] && lights.chosen[k] {
                 let light = &mut lights.sample[k];
                 let arrival = bounce.scene.arrive(light, self.p.get(k));
@@ -444,8 +431,8 @@ impl<const N: usize> Paths<N> {
             shadows.pdf[k] = cosine_hemisphere_pdf(co);
             shadows.open[k] &= (co > 0.0) & (keep_black | !is_zero(f)) | !self.matte[k];
         }
-        for k in self.alive.iter() {
-            if !self.matte[k] && shadows.open[k] {
+        for k in self.general.iter() {
+            if shadows.open[k] {
                 let (si, dir) = (&self.si[k], shadows.dir.get(k));
                 let (f, pdf) = si.eval_and_pdf(dir);
                 let seen = !is_zero(f) || keep_black && si.ns.dot(dir) > 0.0;
@@ -495,10 +482,7 @@ impl<const N: usize> Paths<N> {
             scatter.inv_pdf[k] = 1.0 / pdf;
             scatter.on[k] = (pdf > 0.0) & (co > 0.0);
         }
-        for k in self.alive.iter() {
-            if self.matte[k] && bounce.area_sampling_fraction == 0.0 {
-                continue;
-            }
+        for k in if bounce.area_sampling_fraction > 0.0 { self.alive } else { self.general }.iter() {
             // Russian roulette may already have ended the path: then no direction is needed.
             let possible = random.roulette[k] < bounce.scatter_probability(self.contributes[k], self.diffuse[k]);
             let (si, sampler) = (&self.si[k], &mut samplers[k]);
@@ -633,6 +617,7 @@ impl<const N: usize> Paths<N> {
     fn arrive<R: Recorder>(&mut self, bounce: Bounce, recs: &mut [R; N]) {
         let Bounce { scene, options, .. } = bounce;
         let (alive, mut left) = (self.alive, PathSet::NONE);
+        self.general = PathSet::NONE;
         for k in alive.iter() {
             let (rec, scatter) = (&mut recs[k], &self.scatter);
             let (hit, through) = (self.hits.get(k), &self.hits.through[k]);
@@ -691,6 +676,15 @@ impl<const N: usize> Paths<N> {
                 rec.advance(&continuation);
                 continue;
             };
+            if !(R::RECORDS || needs_all(options))
+                && let Some(plain) = scene.plain(&hit, dir)
+            {
+                self.throughput.set(k, throughput * through.weight);
+                self.contributes[k] |= options.is_required(plain.shape);
+                left.add_if(true, k);
+                self.set_matte(k, hit.prim, &plain);
+                continue;
+            }
             let si = scene.interaction(hit.prim, hit.b, -dir);
             continuation.t = hit.t;
             if si.emission != Vec3::ZERO || (options.keep_black && emits(scene, &si)) {
@@ -714,8 +708,9 @@ impl<const N: usize> Paths<N> {
             }
             self.throughput.set(k, throughput * through.weight);
             self.contributes[k] |= options.is_required(si.shape);
-            left.add_if(!si.bsdf.is_black(), k);
-            self.set_vertex(k, &si, needs_all(options));
+            let scatters = !si.bsdf.is_black();
+            left.add_if(scatters, k);
+            self.set_vertex(k, &si, scatters, needs_all(options));
         }
         self.alive = left;
     }
@@ -724,47 +719,6 @@ impl<const N: usize> Paths<N> {
 /// Whether the whole interaction is needed even at flat diffuse surfaces.
 fn needs_all(options: &Options) -> bool {
     options.area_sampling_fraction > 0.0
-}
-
-/// [`Bounce::area_sampling_fraction`] at a vertex; zero at a mirror, which has only one direction.
-fn area_sampling_fraction(bounce: Bounce, si: &SurfaceInteraction) -> f32 {
-    if si.bsdf.is_delta() { 0.0 } else { bounce.area_sampling_fraction }
-}
-
-/// Samples a direction by the BSDF or, with probability [`area_sampling_fraction`], towards a point chosen by area on the scene's
-/// surfaces. The density returned is that of BSDF sampling; [`Paths::arrive`] adds that of area sampling, which depends on the point that
-/// the ray hits.
-#[inline(always)]
-fn sample_direction(
-    bounce: Bounce,
-    si: &SurfaceInteraction,
-    u: Vec3,
-    sampler: &mut Sampler,
-) -> Option<DirectionSample> {
-    let area_sampling_fraction = area_sampling_fraction(bounce, si);
-    if area_sampling_fraction > 0.0 {
-        let which = sampler.next_1d();
-        if which < area_sampling_fraction {
-            let (prim, p) = bounce.scene.surface_point(which / area_sampling_fraction, [u.x, u.y]);
-            let dir = (p - si.p).normalize_or_zero();
-            let (f, pdf) = si.eval_and_pdf(dir);
-            let passes = si.bsdf.is_rough_dielectric() && si.side(dir) < 0.0;
-            let (lobe, eta) = if passes { (Lobe::GLOSSY_REFRACTED, si.bsdf.eta()) } else { (Lobe::DIFFUSE, 1.0) };
-            return Some(DirectionSample { sample: BsdfSample { wo: dir, f, pdf, lobe, eta }, target: Some(prim) });
-        }
-    }
-    let least = if bounce.options.split_lobes { MIN_LOBE_SHARE } else { 0.0 };
-    Some(DirectionSample { sample: si.sample(u.to_array(), least)?, target: None })
-}
-
-/// Primitives that a ray skips: those at its ends, and [`Options::first_skip`], which only single paths have.
-#[inline(always)]
-fn skipped<'a, const N: usize>(bounce: Bounce, ends: &'a [PrimId], all: &'a mut Vec<PrimId>) -> &'a [PrimId] {
-    if N > 1 || bounce.number > 0 || bounce.options.first_skip.is_empty() {
-        return ends;
-    }
-    all.extend([ends, bounce.options.first_skip].concat());
-    all
 }
 
 /// Finds the hit of a ray. `root` and `skip` are as in [`Accel::closest_from`](crate::render::accel::Accel::closest_from).

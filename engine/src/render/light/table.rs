@@ -181,6 +181,8 @@ pub struct LightTable {
     pub(super) area_pdf: Vec<f32>,
     pub(super) environment_pmf: f32,
     pub(super) last_bounce_probability: f32,
+    /// All lights are triangles.
+    are_surfaces: bool,
 }
 
 /// The probability with which a path continues for its last bounce at a diffuse surface. The ray of that bounce can only find a light, which
@@ -304,7 +306,17 @@ impl LightTable {
             _ if emitting > 0.0 => LAST_BOUNCE,
             _ => 0.0,
         };
-        LightTable { entries, pmf, local_entries, local_pmf, area_pdf, environment_pmf, last_bounce_probability }
+        let are_surfaces = entries.iter().all(|entry| matches!(entry, Entry::Triangle { .. }));
+        LightTable {
+            entries,
+            pmf,
+            local_entries,
+            local_pmf,
+            area_pdf,
+            environment_pmf,
+            last_bounce_probability,
+            are_surfaces,
+        }
     }
 
     /// Probability per unit area with which `Scene::sample_light` finds points of an emissive primitive.
@@ -324,6 +336,12 @@ impl LightTable {
     #[inline]
     pub fn last_bounce_probability(&self) -> f32 {
         self.last_bounce_probability
+    }
+
+    /// Whether all lights are points on surfaces.
+    #[inline]
+    pub fn are_surfaces(&self) -> bool {
+        self.are_surfaces
     }
 
     /// Whether there is exactly one light, a point or directional one.
