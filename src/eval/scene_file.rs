@@ -333,10 +333,11 @@ impl Writer<'_> {
                 (out.roughness, out.double_sided) = (0.0, false);
                 roughness.iter().for_each(|roughness| rough(self, &mut out, roughness, |r| r));
             }
-            MaterialKind::ThinDielectric { ior, tint } => {
+            MaterialKind::ThinDielectric { ior, tint, roughness } => {
                 colour(self, &mut out, tint);
                 out.clear = Some(Clear::Pane(self.index(ior, name)));
                 out.roughness = 0.0;
+                roughness.iter().for_each(|roughness| rough(self, &mut out, roughness, |r| r));
             }
             MaterialKind::Principled { base_color, metallic, roughness, specular } => {
                 colour(self, &mut out, base_color);

@@ -105,7 +105,7 @@ fn light_reaches_through_a_pane() {
     let mut b = Builder::default();
     b.matte(floor(Vec3::ZERO, 2.0), 0.7);
     let (ior, own) = (b.scalar(1.5), b.constant(tint));
-    b.add(floor(Vec3::Y, 4.0), MaterialKind::ThinDielectric { ior, tint: own });
+    b.add(floor(Vec3::Y, 4.0), MaterialKind::ThinDielectric { ior, tint: own, roughness: None });
     let lamp = vec3(0.2, 2.0, 0.1);
     point(&mut b, lamp, Vec3::splat(5.0));
     let found = render(&b.scene(), &camera, &settings(Method::Light, 1024)).unwrap();
@@ -360,7 +360,7 @@ impl Row {
                 let tint = b.constant(vec3(0.6, 0.9, 0.8));
                 let ior = b.scalar(index);
                 let pane = body(cuboid(Vec3::ZERO, vec3(0.5, 0.3, 0.5), 0.3), vec3(0.1, 0.6, 0.0));
-                b.add(pane, MaterialKind::ThinDielectric { ior, tint });
+                b.add(pane, MaterialKind::ThinDielectric { ior, tint, roughness: None });
                 point(&mut b, vec3(0.2, 0.6, 0.1) + along(Moves::Lamp), Vec3::ONE);
                 Camera { projection: Projection::Fisheye, scale: [0.6 + shift(Moves::Zoom), 0.5], ..plain }
             }

@@ -18,12 +18,17 @@ fn glass(b: &mut Builder, mesh: Mesh, ior: f32) -> usize {
 
 /// A pane, tinted by a smooth pattern that is `darker`.
 fn pane(b: &mut Builder, mut mesh: Mesh, ior: f32, darker: f32) -> usize {
-    mesh.uvs = Some([[0., 0.], [1., 0.], [1., 1.], [0., 1.]].map(Vec2::from_array).to_vec());
+    let tint = tint(b, &mut mesh, darker);
+    let ior = b.scalar(ior);
+    b.add(mesh, MaterialKind::ThinDielectric { ior, tint, roughness: None })
+}
+
+/// The smooth pattern of a pane's tint, made `darker`, laid over its mesh.
+pub fn tint(b: &mut Builder, pane: &mut Mesh, darker: f32) -> Input {
+    pane.uvs = Some([[0., 0.], [1., 0.], [1., 1.], [0., 1.]].map(Vec2::from_array).to_vec());
     let data = [0.9, 0.5, 0.7, 0.3, 0.8, 0.6].iter().flat_map(|x| [*x, 1.0 - 0.5 * x, 0.6]).map(|x| x - darker);
     b.description.textures.push(Texture::new(3, 2, 3, data.collect(), Wrap::Clamp, Filter::Bilinear).unwrap());
-    let tint = Input::Texture(b.description.textures.len() - 1);
-    let ior = b.scalar(ior);
-    b.add(mesh, MaterialKind::ThinDielectric { ior, tint })
+    Input::Texture(b.description.textures.len() - 1)
 }
 
 /// The same light from everywhere.
@@ -111,7 +116,7 @@ fn a_pane_dims_what_is_behind_it() {
         for (ior, side) in [(1.0f32, 1.0f32), (1.5, 1.0), (1.5, -1.0), (2.2, 1.0)] {
             let mut b = Builder::default();
             let (ior_input, tint) = (b.scalar(ior), b.grey(TINT));
-            b.add(floor(Vec3::ZERO, 1.0), MaterialKind::ThinDielectric { ior: ior_input, tint });
+            b.add(floor(Vec3::ZERO, 1.0), MaterialKind::ThinDielectric { ior: ior_input, tint, roughness: None });
             // Half as bright on the side of the eye as behind.
             b.glowing(floor(vec3(0.0, -side, 0.0), 40.0), 2.0);
             b.glowing(floor(vec3(0.0, 9.0 * side, 0.0), 400.0), 1.0);

@@ -1,8 +1,8 @@
-//! Clear bodies with rough surfaces: what they pass on of an even sky, the lobe of a frosted plane against a smooth one, and derivatives of what
-//! is seen through them and lit through them against differences.
+//! Clear bodies with rough surfaces, and rough panes: what they pass on of an even sky, the lobe of a frosted plane against a smooth one, and
+//! derivatives of what is seen through them and lit through them against differences.
 
 use crate::common::*;
-use crate::glass::{at, pattern, sky};
+use crate::glass::{at, pattern, sky, tint};
 use dscene::grad::render;
 use dscene::image::Image;
 use dscene::mesh::Mesh;
@@ -15,6 +15,13 @@ fn glass(b: &mut Builder, mesh: Mesh, [ior, roughness]: [f32; 2], absorption: Op
     let absorption = absorption.map(|absorption| b.constant(absorption));
     let (ior, roughness) = (b.scalar(ior), Some(b.scalar(roughness)));
     b.add(mesh, MaterialKind::Dielectric { ior, roughness, absorption });
+}
+
+/// A rough pane, whose tint is a smooth pattern that is `darker`.
+fn pane(b: &mut Builder, mut mesh: Mesh, [ior, roughness]: [f32; 2], darker: f32) {
+    let tint = tint(b, &mut mesh, darker);
+    let (ior, roughness) = (b.scalar(ior), Some(b.scalar(roughness)));
+    b.add(mesh, MaterialKind::ThinDielectric { ior, tint, roughness });
 }
 
 /// G1: a clear body under an even sky cannot be seen, but for what facets hide from one another: little where the surface is nearly smooth.
@@ -162,6 +169,7 @@ enum Moves {
     Index,
     Roughness,
     Absorption,
+    Tint,
     Lamp,
 }
 
@@ -180,6 +188,12 @@ enum View {
     Tank,
     /// The reflection of a glowing square in the face of a block.
     Gloss,
+    /// A glowing square before a darker ground, behind a small pane that is turned aside, under a sky.
+    Pane,
+    /// A point of light behind a pane, of which something hides a part.
+    PaneScreen,
+    /// A block on a floor, which a lamp lights through a pane.
+    Shade,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -253,6 +267,28 @@ impl Row {
                 );
                 look_at(vec3(0.2, 1.4, 2.5) + eye, vec3(0.0, 0.3, -0.2) + eye, 22.0, 12)
             }
+            View::Pane => {
+                let square = at(floor(Vec3::ZERO, 0.3), |v| Mat3::from_rotation_y(0.4) * v + vec3(0.33, 0.0, 0.21));
+                b.glowing(at(square, |v| v + behind), 3.0);
+                b.glowing(floor(vec3(0.0, -0.2, 0.0), 9.0), 0.4);
+                pane(&mut b, body(floor(Vec3::ZERO, 0.3)), numbers, shift(Moves::Tint));
+                sky(&mut b);
+                from_above
+            }
+            View::PaneScreen => {
+                pane(&mut b, body(floor(Vec3::ZERO, 2.0)), numbers, shift(Moves::Tint));
+                b.matte(at(floor(Vec3::ZERO, 0.2), |v| v + vec3(0.1, 0.0, 0.1) + behind), 0.5);
+                let position = vec3(0.3 + shift(Moves::Lamp), -1.0, 0.1);
+                b.description.delta_lights.push(DeltaLight::Point { position, intensity: Vec3::splat(4.0) });
+                from_above
+            }
+            View::Shade => {
+                b.matte(floor(vec3(0.0, -0.3, 0.0), 1.5), 0.6);
+                b.matte(cuboid(vec3(0.2, 0.1, 0.1) + behind, vec3(0.25, 0.15, 0.2), 0.3), 0.7);
+                pane(&mut b, body(floor(Vec3::ZERO, 0.8)), numbers, shift(Moves::Tint));
+                b.lamp(ceiling(vec3(0.1 + shift(Moves::Lamp), 2.0, 0.0), 0.4), Vec3::splat(12.0));
+                look_at(vec3(2.0, 0.7, 2.0) + eye, vec3(0.1, -0.2, 0.1) + eye, 20.0, 12)
+            }
         };
         (b.description, camera)
     }
@@ -265,11 +301,14 @@ impl Row {
             Moves::Turn => 50.0,
             _ => 0.0,
         };
-        let max_bounces = if matches!(self.view, View::Screen | View::Gloss) { 3 } else { 5 };
+        let max_bounces =
+            if matches!(self.view, View::Screen | View::Gloss | View::Pane | View::PaneScreen) { 3 } else { 5 };
         let plan = Plan { h, spp: 64, fd_spp: 1024, max_bounces, least, ..Plan::default() };
         // What is scattered little is noisy where it matters little.
         let is_lost_in_noise = matches!(self.view, View::Gloss | View::Tank) && self.moves == Moves::Index;
-        let quick = self.view == View::Screen || self.roughness > 0.5 || self.moves == Moves::Behind;
+        let quick = matches!(self.view, View::Screen | View::Pane | View::PaneScreen)
+            || self.roughness > 0.5
+            || self.moves == Moves::Behind;
         let quick = quick && !is_lost_in_noise;
         let agree = if quick { agree } else { agree_in_long };
         agree(&format!("{self:?}"), &|t| self.build(t), &plan);
@@ -318,4 +357,21 @@ fn a_point_in_a_rough_tank_has_its_derivatives() {
 #[test]
 fn reflections_in_rough_glass_have_their_derivatives() {
     check_all(View::Gloss, &[0.2, 0.6], &[Moves::Behind, Moves::Eye, Moves::Index, Moves::Roughness]);
+}
+
+#[test]
+fn edges_behind_a_rough_pane_have_their_derivatives() {
+    use Moves::{Behind, Eye, Glass, Index, Roughness, Tint, Turn};
+    check_all(View::Pane, &[0.2, 0.6], &[Behind, Glass, Turn, Eye, Index, Roughness, Tint]);
+}
+
+#[test]
+fn a_point_behind_a_rough_pane_has_its_derivatives() {
+    use Moves::{Behind, Index, Lamp, Roughness, Tint, Turn};
+    check_all(View::PaneScreen, &[0.2, 0.6], &[Behind, Turn, Lamp, Index, Roughness, Tint]);
+}
+
+#[test]
+fn a_lamp_behind_a_rough_pane_has_its_derivatives() {
+    check_all(View::Shade, &[0.3, 0.7], &[Moves::Behind, Moves::Lamp, Moves::Roughness, Moves::Tint]);
 }

@@ -389,7 +389,10 @@ fn light_that_reaches_a_picture_by_glass_and_mirrors_alone_is_missed_aloud() {
         }
         assert_eq!(told(light, "mesh: sphere()", ""), [""; 0]);
         // What scatters its light sends it everywhere; nothing is missing.
-        assert_eq!(told(light, "mesh: sphere(), material: dielectric(roughness: 0.3)", ""), [""; 0]);
+        for glass in ["dielectric", "thin_dielectric"] {
+            let body = format!("mesh: sphere(), material: {glass}(roughness: 0.3)");
+            assert_eq!(told(light, &body, ""), [""; 0], "{light} {glass}");
+        }
     }
     // Lights with area are met by paths from the camera, and a lamp beside a bright sky is no matter.
     assert_eq!(told("light lamp = area(sphere(radius: 0.2) |> translate([0, 3, 0]), radiance: 90)", ball, ""), [""; 0]);

@@ -514,11 +514,15 @@ fn normal_maps_and_glass_of_gltf() {
     (volume["attenuationDistance"], volume["attenuationColor"]) = (json!(0.5), json!([0.25, 0.5, 1]));
     file.add("materials", bottle);
     file.add("materials", glass("pane", json!({"roughnessFactor": 0}), 0.0));
-    for material in 0..4 {
+    file.add(
+        "materials",
+        glass("frosted pane", json!({"roughnessFactor": 0.4, "baseColorFactor": [0.5, 1, 1, 1]}), 0.0),
+    );
+    for material in 0..5 {
         let mesh = file.triangle(json!({}), json!({"material": material}));
         file.add("nodes", json!({"mesh": mesh}));
     }
-    file.json["scenes"] = json!([{"nodes": [0, 1, 2, 3]}]);
+    file.json["scenes"] = json!([{"nodes": [0, 1, 2, 3, 4]}]);
     place.write("a.gltf", file.text());
     let loaded = read(&place, "a.gltf");
     let told = [
@@ -533,11 +537,11 @@ fn normal_maps_and_glass_of_gltf() {
     let expected = 0.5 + 0.5 * normal.normalize();
     assert!(Vec3::from_slice(&normals).distance(expected) < 0.005, "{normals:?} instead of {expected}");
     let body = |absorption| Some(Clear::Body { ior: 1.4, absorption });
-    let clear = [0, 1, 3].map(|i| material(i).clear);
-    assert_eq!(clear, [None, body(Vec3::ZERO), Some(Clear::Pane(1.4))]);
+    let clear = [0, 1, 3, 4].map(|i| material(i).clear);
+    assert_eq!(clear, [None, body(Vec3::ZERO), Some(Clear::Pane(1.4)), Some(Clear::Pane(1.4))]);
     // Of light that has gone 0.5 far, a quarter of the red, half of the green and all of the blue are left.
     let Some(Clear::Body { absorption, .. }) = material(2).clear else { panic!("no body") };
-    assert_eq!([1, 2].map(|i| material(i).roughness), [0.0, 0.2]);
+    assert_eq!([1, 2, 3, 4].map(|i| material(i).roughness), [0.0, 0.2, 0.0, 0.4]);
     assert!((absorption - vec3(4f32.ln() / 0.5, 2f32.ln() / 0.5, 0.0)).length() < 1e-5, "{absorption}");
 }
 

@@ -35,6 +35,10 @@ shape painted {
 shape drop { mesh: icosphere(radius: 0.4) |> translate([0.3, 0.5, 2]), material: dielectric(ior: 1.4, absorption: [0.2, 1.5, 0.7]) }
 shape ice { mesh: icosphere(radius: 0.3) |> translate([-1.3, 0.3, 2]), material: dielectric(ior: 1.31, roughness: texture([[0.4, 0.5], [0.6, 0.4]])) }
 shape window { mesh: rectangle() |> rotate(x: 90deg) |> translate([2.5, 1, 0.5]), material: thin_dielectric(tint: [0.4, 0.9, 0.6]) }
+shape screen {
+  mesh: rectangle() |> rotate(x: 80deg) |> translate([-2.6, 0.6, 2])
+  material: thin_dielectric(tint: [0.9, 0.7, 0.5], roughness: texture([[0.3, 0.5], [0.6, 0.4]]))
+}
 shape leaf {
   mesh: rectangle() |> rotate(x: 60deg) |> translate([-2, 1, 1])
   material: one_sided(mask(diffuse([0.2, 0.6, 0.1]), opacity: texture([[0, 1, 1], [1, 0.3, 1]])))
@@ -113,6 +117,7 @@ fn a_scene_that_was_saved_looks_the_same() {
             "drop",
             "ice",
             "window",
+            "screen",
             "leaf",
             "rail",
             "cushion",

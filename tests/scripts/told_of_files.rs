@@ -133,7 +133,7 @@ fn what_gltf_asks_for_in_vain_is_told_by_name() {
         "extensions of materials are left out: KHR_materials_pbrSpecularGlossiness of “glass”",
         "image “gone.png” of “glass”: there is no such file or folder",
         "images in formats that are not supported are left out: KHR_texture_basisu of “glass”",
-        "panes are smooth and let all light through but for their colour: what they have beside it is left out: “glass”",
+        "panes let all light through but for their colour: what they have beside it and their roughness is left out: “glass”",
     ];
     assert_eq!(read(&place, "a.gltf").warnings, expected);
     // A mesh alone has no material to be told of, but for files that are not there.

@@ -7,7 +7,10 @@ use glam::Vec3;
 use crate::grad::environment::MovingEnvironment;
 use crate::grad::sink::Adjoints;
 use crate::render::accel::PrimId;
-use crate::render::bsdf::{Bsdf, BsdfAdjoint, FollowedAdjoint, Lobe, Part, RoughDielectric, d_refract, refract};
+use crate::render::bsdf::{
+    Bsdf, BsdfAdjoint, FollowedAdjoint, Lobe, Part, RoughDielectric, d_mirrored_at_plane, d_refract, mirrored_at_plane,
+    refract,
+};
 use crate::render::film::first_hit;
 use crate::render::interaction::{SurfaceInteraction, d_terminator, terminator};
 use crate::render::light::{LightKind, LightSample};
@@ -207,8 +210,21 @@ pub fn d_attached_direction(
         }
         return;
     }
+    let (wo, d_wo) = d_reflected_by_facet(si, wo, d_wo, adj);
     let h = (wi + wo).normalize_or_zero();
     d_attached(si, h, Vec3::ZERO, d_wo, Vec3::ZERO, adj);
+}
+
+/// The direction in which an attached facet reflects, and its adjoint, given those of the direction `wo` of the lobe: on the far side of a pane
+/// it is mirrored at the plane of the surface, which adds to the adjoint of the vertex.
+fn d_reflected_by_facet(si: &SurfaceInteraction, wo: Vec3, d_wo: Vec3, adj: &mut VertexAdjoint) -> (Vec3, Vec3) {
+    if !matches!(si.bsdf, Bsdf::RoughPane(_)) || si.ns.dot(wo) >= 0.0 {
+        return (wo, d_wo);
+    }
+    let reflected = mirrored_at_plane(si.ns, wo);
+    let [d_n, d_reflected] = d_mirrored_at_plane(si.ns, reflected, d_wo);
+    adj.ns += d_n;
+    (reflected, d_reflected)
 }
 
 /// The rough interface that light passes towards `wo`; `None` where it does not pass.
@@ -259,13 +275,14 @@ pub fn d_eval_attached(
         let d_log = d_f.dot(si.eval_part(Part::Specular, wo));
         return d_followed(si, h, &rough.d_followed(si.ns, wi, wo, d_log, d_wo + d_direction), adj);
     }
-    let h = (wi + wo).normalize_or_zero();
+    let (reflected, d_reflected) = d_reflected_by_facet(si, wo, d_wo + d_direction, adj);
+    let h = (wi + reflected).normalize_or_zero();
     let h_wi = h.dot(wi);
     if h_wi <= 0.0 {
         return d_values;
     }
     let by_jacobian = d_f.dot(si.eval_part(Part::Specular, wo)) / h_wi;
-    d_attached(si, h, wi * by_jacobian, d_wo + d_direction, h * by_jacobian, adj);
+    d_attached(si, h, wi * by_jacobian, d_reflected, h * by_jacobian, adj);
     d_values
 }
 

@@ -254,7 +254,7 @@ pub struct LoadedMaterial {
     /// Opacity in one channel, from 0 to 1; `None` is opaque. An alpha cutoff of the file was applied to each texel; interpolation makes
     /// a slope between texels.
     pub opacity: Option<LoadedImage>,
-    /// If light passes it: then of the other numbers only what is emitted and the base colour of a pane count.
+    /// If light passes it: then of the other numbers only its roughness, what is emitted and the base colour of a pane count.
     pub clear: Option<Clear>,
     /// If it is cloth: then nothing is metallic, and nothing else mirrors.
     pub sheen: Option<Sheen>,

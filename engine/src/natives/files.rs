@@ -172,14 +172,15 @@ fn plain(material: MaterialValue) -> Appearance {
 fn appearance(loaded: &LoadedMaterial) -> Result<Appearance, Shortage> {
     if let Some(clear) = loaded.clear {
         let number = |ior: f32| Input::Number(Var::from(f64::from(ior)));
+        let roughness = (loaded.roughness > 0.0).then(|| texels(loaded.roughness_texels())).transpose()?;
         let material = match clear {
             Clear::Body { ior, absorption } => {
                 let absorption = (absorption != glam::Vec3::ZERO).then(|| color(absorption));
-                let roughness = (loaded.roughness > 0.0).then(|| texels(loaded.roughness_texels())).transpose()?;
                 MaterialKind::Dielectric { ior: number(ior), roughness, absorption }.into()
             }
             Clear::Pane(ior) => {
-                MaterialKind::ThinDielectric { ior: number(ior), tint: texels(loaded.base_color_texels())? }.into()
+                let tint = texels(loaded.base_color_texels())?;
+                MaterialKind::ThinDielectric { ior: number(ior), tint, roughness }.into()
             }
         };
         let radiance = loaded.emissive_texels().map(texels).transpose()?;

@@ -39,7 +39,10 @@ pub(super) const TABLE: &[(&str, Native)] = &[
         let [roughness, absorption] = ["roughness", "absorption"].map(|name| a.named(name).map(|_| ()));
         material(a, &MaterialKind::Dielectric { ior: (), roughness, absorption })
     }),
-    ("thin_dielectric", |a| material(a, &MaterialKind::ThinDielectric { ior: (), tint: () })),
+    ("thin_dielectric", |a| {
+        let roughness = a.named("roughness").map(|_| ());
+        material(a, &MaterialKind::ThinDielectric { ior: (), tint: (), roughness })
+    }),
     ("principled", |a| {
         material(a, &MaterialKind::Principled { base_color: (), metallic: (), roughness: (), specular: () })
     }),

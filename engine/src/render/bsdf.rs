@@ -26,6 +26,7 @@ mod phong;
 mod plastic;
 mod principled;
 mod rough_dielectric;
+mod rough_pane;
 mod sheen;
 
 use std::convert::Infallible;
@@ -51,6 +52,8 @@ use self::phong::Phong;
 use self::plastic::Plastic;
 use self::principled::{MAX_SPECULAR, Principled};
 pub use self::rough_dielectric::{FollowedAdjoint, RoughDielectric};
+use self::rough_pane::RoughPane;
+pub use self::rough_pane::{d_mirrored_at_plane, mirrored_at_plane};
 use self::sheen::Sheen;
 use super::material::{
     self, Blend, ClearCoat, GRAIN, Input, InputField, MAX_INPUTS, MODEL_INPUTS, Material, MaterialKind,
@@ -72,6 +75,7 @@ pub enum Bsdf {
     Mirror { reflectance: Vec3 },
     Dielectric(Dielectric),
     RoughDielectric(RoughDielectric),
+    RoughPane(RoughPane),
     Layer(Layer),
     Blended(Blended),
 }
@@ -115,7 +119,7 @@ pub struct Lobe {
 impl Lobe {
     pub const DIFFUSE: Lobe = Lobe { width: Width::Diffuse, side: Side::Reflect };
     pub const GLOSSY: Lobe = Lobe { width: Width::Glossy, side: Side::Reflect };
-    /// What a rough interface lets through.
+    /// What a rough interface or a rough pane lets through.
     pub const GLOSSY_REFRACTED: Lobe = Lobe { width: Width::Glossy, side: Side::Transmit };
     /// A mirror's reflection.
     pub const SPECULAR: Lobe = Lobe { width: Width::Delta, side: Side::Reflect };
@@ -251,7 +255,7 @@ impl<I> MaterialKind<I> {
     /// Whether such a material scatters light in single directions only.
     pub fn is_delta(&self) -> bool {
         use MaterialKind::{Dielectric, Mirror, ThinDielectric};
-        matches!(self, Mirror { .. } | Dielectric { roughness: None, .. } | ThinDielectric { .. })
+        matches!(self, Mirror { .. } | Dielectric { roughness: None, .. } | ThinDielectric { roughness: None, .. })
     }
 
     /// Whether a coat may cover such a material, another be blended with it and a normal map tilt it: its lobes have a width, and lie on one
@@ -287,8 +291,10 @@ impl Bsdf {
             MaterialKind::Dielectric { ior, roughness: Some(roughness), .. } => {
                 Bsdf::RoughDielectric(RoughDielectric::new(index(ior), ggx_roughness(roughness)))
             }
-            MaterialKind::ThinDielectric { ior, tint } => {
-                Bsdf::Dielectric(Dielectric { ior: index(ior), tint, is_pane: true })
+            MaterialKind::ThinDielectric { ior, tint, roughness } => {
+                let smooth = Dielectric { ior: index(ior), tint, is_pane: true };
+                let rough = |roughness| Bsdf::RoughPane(RoughPane { smooth, roughness: ggx_roughness(roughness) });
+                roughness.map_or(Bsdf::Dielectric(smooth), rough)
             }
             MaterialKind::Conductor { reflectance, roughness } => {
                 Bsdf::bare(Lobes::Conductor(Conductor { reflectance, roughness: ggx_roughness(roughness) }))
@@ -432,10 +438,10 @@ impl Bsdf {
     /// Whether the specular lobe is so narrow that derivatives are taken with the half vector attached to the shading normal: sampled
     /// directions turn with the surface. With α < 0.2 this has less variance than fixed directions, with larger α more.
     ///
-    /// Those of a rough dielectric always do: what is seen through it moves with its index and its normals, as through a smooth one.
+    /// Those of rough glass always do: what is seen through it moves with its index and its normals, or does not, as through smooth glass.
     pub fn is_attached(&self) -> bool {
         match self {
-            Bsdf::RoughDielectric(_) => true,
+            Bsdf::RoughDielectric(_) | Bsdf::RoughPane(_) => true,
             Bsdf::Layer(layer) => layer.is_narrow(),
             Bsdf::Blended(blended) => blended.is_narrow(),
             _ => false,
@@ -451,9 +457,10 @@ impl Bsdf {
         }
     }
 
+    /// Whether it is rough glass, a body of it or a pane, which has a lobe on each side of the surface.
     #[inline]
     pub fn is_rough_dielectric(&self) -> bool {
-        matches!(self, Bsdf::RoughDielectric(_))
+        matches!(self, Bsdf::RoughDielectric(_) | Bsdf::RoughPane(_))
     }
 
     /// The index on the side of `wo` over that on the side of `wi`, of a surface that has let light through.
@@ -475,7 +482,7 @@ impl Bsdf {
         }
     }
 
-    /// The value of the BSDF times |cos θo|. Zero for `wo` below the surface, but for that of a rough dielectric.
+    /// The value of the BSDF times |cos θo|. Zero for `wo` below the surface, but for that of rough glass.
     #[inline(always)]
     pub fn eval(&self, n: Vec3, wi: Vec3, wo: Vec3) -> Vec3 {
         match *self {
@@ -488,6 +495,7 @@ impl Bsdf {
     fn eval_parts(&self, n: Vec3, wi: Vec3, wo: Vec3) -> Vec3 {
         match self {
             Bsdf::RoughDielectric(rough) => rough.eval_and_pdf(n, wi, wo).0,
+            Bsdf::RoughPane(pane) => pane.eval_and_pdf(n, wi, wo).0,
             _ if n.dot(wo) <= 0.0 => Vec3::ZERO,
             Bsdf::Layer(layer) => layer.eval(&Angles::new(n, wi, wo)),
             Bsdf::Blended(blended) => blended.eval(&Angles::new(n, wi, wo)),
@@ -501,6 +509,7 @@ impl Bsdf {
         let co = n.dot(wo);
         match *self {
             Bsdf::RoughDielectric(rough) => rough.eval_and_pdf(n, wi, wo),
+            Bsdf::RoughPane(pane) => pane.eval_and_pdf(n, wi, wo),
             _ if co <= 0.0 => (Vec3::ZERO, 0.0),
             Bsdf::Diffuse { reflectance } => (lambertian(reflectance, co), cosine_hemisphere_pdf(co)),
             _ => self.eval_and_pdf_at(&Angles::new(n, wi, wo)),
@@ -520,6 +529,7 @@ impl Bsdf {
         let co = n.dot(wo);
         match (self, part) {
             (Bsdf::RoughDielectric(rough), Part::Specular) => rough.eval_and_pdf(n, wi, wo).0,
+            (Bsdf::RoughPane(pane), Part::Specular) => pane.eval_and_pdf(n, wi, wo).0,
             _ if co <= 0.0 => Vec3::ZERO,
             (Bsdf::Diffuse { reflectance }, Part::Diffuse) => lambertian(*reflectance, co),
             (Bsdf::Layer(Layer::Bare(lobes)), Part::Diffuse) => lobes.eval_base(n.dot(wi).abs(), co),
@@ -536,6 +546,7 @@ impl Bsdf {
     pub fn d_eval_part(&self, part: Part, n: Vec3, wi: Vec3, wo: Vec3, d_f: Vec3) -> BsdfAdjoint {
         match (self, part) {
             (Bsdf::RoughDielectric(rough), Part::Specular) => rough.d_eval(n, wi, wo, d_f),
+            (Bsdf::RoughPane(pane), Part::Specular) => pane.d_eval(n, wi, wo, d_f, false),
             _ if n.dot(wo) <= 0.0 => BsdfAdjoint::default(),
             (Bsdf::Diffuse { reflectance }, Part::Diffuse) => d_lambertian(*reflectance, n, wo, d_f),
             _ => self.d_eval_lobes(part, n, wi, wo, d_f, false),
@@ -559,6 +570,7 @@ impl Bsdf {
     pub fn d_eval_attached(&self, n: Vec3, wi: Vec3, wo: Vec3, d_f: Vec3) -> BsdfAdjoint {
         match self {
             Bsdf::RoughDielectric(rough) => rough.d_reflected(n, wi, wo, d_f, true),
+            Bsdf::RoughPane(pane) => pane.d_eval(n, wi, wo, d_f, true),
             _ if n.dot(wo) <= 0.0 => BsdfAdjoint::default(),
             _ => self.d_eval_lobes(Part::Specular, n, wi, wo, d_f, true),
         }
@@ -566,8 +578,8 @@ impl Bsdf {
 
     /// Adjoint of [`Bsdf::eval`].
     pub fn d_eval(&self, n: Vec3, wi: Vec3, wo: Vec3, d_f: Vec3) -> BsdfAdjoint {
-        if let Bsdf::RoughDielectric(rough) = self {
-            return rough.d_eval(n, wi, wo, d_f);
+        if self.is_rough_dielectric() {
+            return self.d_eval_part(Part::Specular, n, wi, wo, d_f);
         }
         let mut out = self.d_eval_part(Part::Diffuse, n, wi, wo, d_f);
         if matches!(self, Bsdf::Layer(_) | Bsdf::Blended(_)) {
@@ -598,6 +610,7 @@ impl Bsdf {
         let facet = match self {
             Bsdf::Black | Bsdf::Mirror { .. } | Bsdf::Dielectric(_) => return None,
             Bsdf::RoughDielectric(rough) => return rough.sample(wi, u),
+            Bsdf::RoughPane(pane) => return pane.sample(wi, u),
             Bsdf::Diffuse { .. } => None,
             Bsdf::Layer(Layer::Bare(lobes)) => return sample_lobes(lobes, wi, square, u[2]),
             Bsdf::Layer(Layer::Coated(coated)) => coated.sample_facet(wi, square, u[2]),
@@ -622,6 +635,7 @@ impl Bsdf {
         let co = n.dot(wo);
         match self {
             Bsdf::RoughDielectric(rough) => rough.eval_and_pdf(n, wi, wo).1,
+            Bsdf::RoughPane(pane) => pane.eval_and_pdf(n, wi, wo).1,
             _ if co <= 0.0 => 0.0,
             Bsdf::Diffuse { .. } => cosine_hemisphere_pdf(co),
             _ => self.pdf_of_lobes(&Angles::new(n, wi, wo)),
@@ -657,7 +671,7 @@ impl Bsdf {
     pub fn albedo(&self) -> Vec3 {
         match *self {
             Bsdf::Diffuse { reflectance } | Bsdf::Mirror { reflectance } => reflectance,
-            Bsdf::Dielectric(_) | Bsdf::RoughDielectric(_) => Vec3::ONE,
+            Bsdf::Dielectric(_) | Bsdf::RoughDielectric(_) | Bsdf::RoughPane(_) => Vec3::ONE,
             Bsdf::Layer(layer) => layer.albedo(),
             Bsdf::Blended(blended) => blended.albedo(),
             Bsdf::Black => Vec3::ZERO,
@@ -671,7 +685,7 @@ impl Bsdf {
             Bsdf::Diffuse { .. } | Bsdf::Mirror { .. } => d[0] = d_albedo,
             Bsdf::Layer(layer) => d = layer.d_albedo(d_albedo),
             Bsdf::Blended(blended) => d = blended.d_albedo(d_albedo),
-            Bsdf::Black | Bsdf::Dielectric(_) | Bsdf::RoughDielectric(_) => {}
+            Bsdf::Black | Bsdf::Dielectric(_) | Bsdf::RoughDielectric(_) | Bsdf::RoughPane(_) => {}
         }
         d
     }
@@ -683,6 +697,7 @@ impl Bsdf {
             Bsdf::Black | Bsdf::Diffuse { .. } => None,
             Bsdf::Mirror { .. } | Bsdf::Dielectric(_) => Some(0.0),
             Bsdf::RoughDielectric(rough) => Some(rough.alpha()),
+            Bsdf::RoughPane(pane) => Some(pane.alpha()),
             Bsdf::Layer(layer) => Some(layer.alpha()),
             Bsdf::Blended(blended) => Some(blended.alpha()),
         }
@@ -696,7 +711,7 @@ impl Bsdf {
             Bsdf::Diffuse { reflectance } => [luminance(reflectance.abs()), 0.0],
             Bsdf::Layer(layer) => layer.lobe_albedos(ci),
             Bsdf::Blended(blended) => blended.lobe_albedos(ci),
-            Bsdf::RoughDielectric(_) => [0.0, 1.0],
+            Bsdf::RoughDielectric(_) | Bsdf::RoughPane(_) => [0.0, 1.0],
             Bsdf::Black | Bsdf::Mirror { .. } | Bsdf::Dielectric(_) => [0.0; 2],
         }
     }

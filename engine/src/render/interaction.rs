@@ -392,7 +392,11 @@ impl SurfaceInteraction {
     /// Of rough glass, the direction in which a smooth one would refract `wi`, and the width α of a reflecting lobe as wide as that around this
     /// direction. Where the facets that lie flat reflect all light there is none.
     pub fn refracted_lobe(&self) -> Option<(f32, Vec3)> {
-        let Bsdf::RoughDielectric(rough) = self.bsdf else { return None };
+        let rough = match self.bsdf {
+            Bsdf::RoughDielectric(rough) => rough,
+            Bsdf::RoughPane(pane) => return Some((pane.alpha(), -self.wi)),
+            _ => return None,
+        };
         let (n, eta) = (self.normal_to_wi(), rough.eta());
         let dir = refract(n, self.wi, eta)?;
         // A facet that turns by an angle turns a reflection by twice that, or 2c across the plane of incidence, and what passes by |1 − c/(ηs)| or

@@ -141,12 +141,15 @@ pub enum MaterialKind<I = Input> {
         /// The absorption of the inside per unit length, RGB of at least 0, the same everywhere; `None` for a body that absorbs nothing.
         absorption: Option<I>,
     },
-    /// A pane: a clear plate so thin that it shifts nothing. It reflects what its two faces do together, and lets the rest pass straight on.
+    /// A pane: a clear plate so thin that it shifts nothing. It reflects what its two faces do together, and lets the rest pass straight on;
+    /// with rough faces both into lobes of GGX microfacets, the same on either side.
     ThinDielectric {
         /// The refractive index, from 1 to 10: 1.5 for glass.
         ior: I,
         /// The share of the light that passes, of what is not reflected, RGB in [0, 1].
         tint: I,
+        /// Of a frosted pane, from 0, polished, to 1; α = roughness². `None` for smooth faces, which have single directions instead of lobes.
+        roughness: Option<I>,
     },
     /// Metallic-roughness: (1−metallic)·base/π diffuse plus GGX with F0 = mix(0.08·specular, base, metallic).
     Principled {
@@ -230,9 +233,11 @@ impl<I> MaterialKind<I> {
                 roughness: roughness.as_ref().map(|roughness| make("roughness", Fraction, roughness)).transpose()?,
                 absorption: absorption.as_ref().map(|absorption| make("absorption", Color, absorption)).transpose()?,
             },
-            MaterialKind::ThinDielectric { ior, tint } => {
-                MaterialKind::ThinDielectric { ior: make("ior", Index, ior)?, tint: make("tint", Color, tint)? }
-            }
+            MaterialKind::ThinDielectric { ior, tint, roughness } => MaterialKind::ThinDielectric {
+                ior: make("ior", Index, ior)?,
+                tint: make("tint", Color, tint)?,
+                roughness: roughness.as_ref().map(|roughness| make("roughness", Fraction, roughness)).transpose()?,
+            },
             MaterialKind::Principled { base_color, metallic, roughness, specular } => MaterialKind::Principled {
                 base_color: make("base_color", Color, base_color)?,
                 metallic: make("metallic", Fraction, metallic)?,

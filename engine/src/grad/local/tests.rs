@@ -35,44 +35,85 @@ fn vertex(ns: Vec3, wi: Vec3, bsdf: Bsdf) -> SurfaceInteraction {
     }
 }
 
-/// F D G / (4 ci) of a conductor (first channel) in double precision.
-fn ggx(f0: f64, roughness: f64, ci: f64, co: f64, half: f64, cos_h: f64) -> f64 {
+/// D G / (4 ci) in double precision.
+fn ggx(roughness: f64, ci: f64, co: f64, cos_h: f64) -> f64 {
     let a2 = roughness.powi(4);
     let tan2 = |c: f64| (1.0 - c * c) / (c * c);
     let d = a2 / (std::f64::consts::PI * cos_h.powi(4) * (a2 + tan2(cos_h)).powi(2));
     let g = |c: f64| 2.0 / (1.0 + (1.0 + a2 * tan2(c)).sqrt());
-    (f0 + (1.0 - f0) * (1.0 - half).powi(5)) * d * g(ci) * g(co) / (4.0 * ci)
+    d * g(ci) * g(co) / (4.0 * ci)
 }
 
-/// The integrand of an attached lobe in the half vector's measure, with a radiance that changes with direction.
-fn integrand(roughness: f64, [ns, wi, h, gradient]: [DVec3; 4]) -> f64 {
-    let ci = ns.dot(wi);
-    let front = if ci < 0.0 { wi - ns * (2.0 * ci) } else { wi };
-    let half = h.dot(front);
-    let wo = h * (2.0 * half) - front;
-    ggx(0.8, roughness, ci.abs(), ns.dot(wo), half, ns.dot(h)) * half * (1.0 + gradient.dot(wo))
+/// Attached lobes that reflect as a GGX lobe does.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Attached {
+    Conductor,
+    PaneReflects,
+    PanePasses,
+}
+
+impl Attached {
+    fn bsdf(self, roughness: f32) -> Bsdf {
+        let roughness = Vec3::splat(roughness);
+        Bsdf::new(&match self {
+            Attached::Conductor => MaterialKind::Conductor { reflectance: Vec3::splat(0.8), roughness },
+            _ => MaterialKind::ThinDielectric {
+                ior: Vec3::splat(1.7),
+                tint: Vec3::splat(0.6),
+                roughness: Some(roughness),
+            },
+        })
+    }
+
+    /// What a facet reflects or lets through at a cosine.
+    fn share(self, c: f64) -> f64 {
+        if self == Attached::Conductor {
+            return 0.8 + 0.2 * (1.0 - c).powi(5);
+        }
+        const INDEX: f64 = 1.7;
+        let s = (1.0 - (1.0 - c * c) / (INDEX * INDEX)).sqrt();
+        let (rs, rp) = ((c - INDEX * s) / (c + INDEX * s), (INDEX * c - s) / (INDEX * c + s));
+        let face = 0.5 * (rs * rs + rp * rp);
+        let reflected = 2.0 * face / (1.0 + face);
+        if self == Attached::PanePasses { 0.6 * (1.0 - reflected) } else { reflected }
+    }
+
+    /// The integrand in the half vector's measure, with a radiance that changes with direction.
+    fn integrand(self, roughness: f64, [ns, wi, h, gradient]: [DVec3; 4]) -> f64 {
+        let ci = ns.dot(wi);
+        let front = if ci < 0.0 { wi - ns * (2.0 * ci) } else { wi };
+        let half = h.dot(front);
+        let reflected = h * (2.0 * half) - front;
+        let co = ns.dot(reflected);
+        let wo = if self == Attached::PanePasses { reflected - ns * (2.0 * co) } else { reflected };
+        self.share(half) * ggx(roughness, ci.abs(), co, ns.dot(h)) * half * (1.0 + gradient.dot(wo))
+    }
 }
 
 #[test]
 fn attached_lobes_follow_their_surface() {
     let mut rng = Pcg32::new(5);
     let mut unit = || (Vec3::from_array(rng.next_3d()) * 2.0 - 1.0).normalize();
-    let mut checked = 0;
-    for i in 0..600 {
+    let mut checked = [0; 3];
+    for i in 0..1800 {
         let roughness = [0.44f32, 0.35, 0.2][i % 3];
-        let bsdf =
-            Bsdf::new(&MaterialKind::Conductor { reflectance: Vec3::splat(0.8), roughness: Vec3::splat(roughness) });
+        let lobe = [Attached::Conductor, Attached::PaneReflects, Attached::PanePasses][i / 3 % 3];
+        let bsdf = lobe.bsdf(roughness);
         assert!(bsdf.is_attached());
         let (ns, wi, gradient) = (unit(), unit(), unit());
         let h = (ns + roughness * roughness * unit()).normalize();
         let ci = ns.dot(wi);
         let front = if ci < 0.0 { wi - ns * (2.0 * ci) } else { wi };
         let half = h.dot(front);
-        let wo = h * (2.0 * half) - front;
-        if ci.abs() < 0.2 || ns.dot(wo) < 0.2 {
+        let mut wo = h * (2.0 * half) - front;
+        let co = ns.dot(wo);
+        if ci.abs() < 0.2 || co < 0.2 {
             continue;
         }
-        checked += 1;
+        if lobe == Attached::PanePasses {
+            wo -= ns * (2.0 * co);
+        }
+        checked[lobe as usize] += 1;
         let mut adj = VertexAdjoint::default();
         let si = vertex(ns, wi, bsdf);
         let f = si.eval_part(Part::Specular, wo).x;
@@ -86,20 +127,20 @@ fn attached_lobes_follow_their_surface() {
                 let value = |angle: f64| {
                     let q = DQuat::from_axis_angle(axis, angle);
                     let v = std::array::from_fn(|i| if turned[i] { q * at[i] } else { at[i] });
-                    integrand(f64::from(roughness), v)
+                    lobe.integrand(f64::from(roughness), v)
                 };
                 (value(step) - value(-step)) / (2.0 * step * f64::from(half))
             };
             let by_wi = difference(axis.as_dvec3(), [false, true, false, false]);
             let expected = f64::from(adj.wi.dot(axis.cross(wi)));
-            assert!((by_wi - expected).abs() < allowed, "wi: {by_wi} {expected} {roughness}");
+            assert!((by_wi - expected).abs() < allowed, "{lobe:?}, wi: {by_wi} {expected} {roughness}");
             let Some(turn) = (axis - ns * ns.dot(axis)).try_normalize() else { continue };
             let by_n = difference(turn.as_dvec3().normalize(), [true, false, true, false]);
             let expected = f64::from(adj.ns.dot(turn.cross(ns)));
-            assert!((by_n - expected).abs() < allowed, "n: {by_n} {expected} {roughness}");
+            assert!((by_n - expected).abs() < allowed, "{lobe:?}, n: {by_n} {expected} {roughness}");
         }
     }
-    assert!(checked > 200, "{checked}");
+    assert!(checked.iter().all(|n| *n > 200), "{checked:?}");
 }
 
 fn assert_alike(what: &str, found: &[f64], expected: &[f64]) {

@@ -369,7 +369,6 @@ fn clear(material: &gltf::Material, ior: f32, name: &str, reading: &mut Reading)
     let pbr = material.pbr_metallic_roughness();
     let has = |extension: &str, name: &str| material.extension_value(extension).is_some_and(|e| e.get(name).is_some());
     let is_plain = share == 1.0
-        && (is_body || pbr.roughness_factor() == 0.0)
         && (!is_body || pbr.base_color_factor()[..3] == [1.0; 3] && pbr.base_color_texture().is_none())
         && material.normal_texture().is_none()
         && !has(TRANSMISSION, "transmissionTexture");
@@ -379,7 +378,7 @@ fn clear(material: &gltf::Material, ior: f32, name: &str, reading: &mut Reading)
                 "the surface of glass is clear: its colour and the images beside that of its roughness are left out"
             }
             false => {
-                "panes are smooth and let all light through but for their colour: what they have beside it is left out"
+                "panes let all light through but for their colour: what they have beside it and their roughness is left out"
             }
         };
         reading.notes.about(sentence, name);

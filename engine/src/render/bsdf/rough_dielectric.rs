@@ -233,7 +233,7 @@ impl RoughDielectric {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use std::f64::consts::PI;
 
     use glam::{DVec3, Quat};
@@ -251,16 +251,16 @@ mod tests {
         ([vector(0), vector(1), vector(2)], D::variable(ior, 9), D::variable(roughness, 10))
     }
 
-    fn dot(a: V, b: V) -> D {
+    pub fn dot<const N: usize>(a: [Dual<N>; 3], b: [Dual<N>; 3]) -> Dual<N> {
         a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
     }
 
-    fn sum(a: V, b: V, times: D) -> V {
+    pub fn sum<const N: usize>(a: [Dual<N>; 3], b: [Dual<N>; 3], times: Dual<N>) -> [Dual<N>; 3] {
         [0, 1, 2].map(|i| a[i] + b[i] * times)
     }
 
     /// The Fresnel equations in both cosines.
-    fn twin_fresnel(c: D, eta: D) -> D {
+    pub fn twin_fresnel<const N: usize>(c: Dual<N>, eta: Dual<N>) -> Dual<N> {
         let s2 = 1.0 - (1.0 - c * c) / (eta * eta);
         if s2.value <= 0.0 {
             return Dual::constant(1.0);
@@ -317,12 +317,12 @@ mod tests {
         ((passes * twin_distribution(r, nh)).ln(), wo)
     }
 
-    fn across(v: Vec3, of: DVec3) -> DVec3 {
+    pub fn across(v: Vec3, of: DVec3) -> DVec3 {
         let v = v.as_dvec3();
         v - of * of.dot(v)
     }
 
-    fn partials(d: &D, i: usize, of: DVec3) -> DVec3 {
+    pub fn partials<const N: usize>(d: &Dual<N>, i: usize, of: DVec3) -> DVec3 {
         let v = DVec3::from_slice(&d.partials[3 * i..]);
         v - of * of.dot(v)
     }
@@ -434,7 +434,7 @@ mod tests {
     }
 
     /// Calls `visit` for a fine grid of both hemispheres.
-    fn integrate(rows: usize, columns: usize, mut visit: impl FnMut(Vec3, f64)) {
+    pub fn integrate(rows: usize, columns: usize, mut visit: impl FnMut(Vec3, f64)) {
         for row in 0..2 * rows {
             let cos = (row as f32 + 0.5) / rows as f32 - 1.0;
             let sin = (1.0 - cos * cos).sqrt();

@@ -294,7 +294,7 @@ fn tan2<const N: usize>(c: Dual<N>) -> Dual<N> {
 }
 
 /// D G / (4 ci) in tangents, as Walter et al. print it, with the α of a mirror added.
-fn twin_ggx<const N: usize>(roughness: Dual<N>, nh: Dual<N>, ci: Dual<N>, co: Dual<N>) -> Dual<N> {
+pub(crate) fn twin_ggx<const N: usize>(roughness: Dual<N>, nh: Dual<N>, ci: Dual<N>, co: Dual<N>) -> Dual<N> {
     let a2 = roughness.powi(4) + 1e-7;
     let d = a2 / (PI * nh.powi(4) * (a2 + tan2(nh)).powi(2));
     let g1 = |c: Dual<N>| 2.0 / (1.0 + (1.0 + a2 * tan2(c)).sqrt());
@@ -603,7 +603,12 @@ fn no_lobe_reflects_more_than_it_receives() {
         };
         let cloth = |diffuse: Vec3| (MaterialKind::Cloth { diffuse, sheen: white, roughness: r }, 1.0);
         let plastic = |ior: f32| (MaterialKind::Plastic { diffuse: white, ior: Vec3::splat(ior), roughness: r }, 1.0);
+        let pane =
+            |ior: f32| (MaterialKind::ThinDielectric { ior: Vec3::splat(ior), tint: white, roughness: Some(r) }, 1.0);
         let lobes = [
+            pane(1.0),
+            pane(1.5),
+            pane(3.0),
             cloth(white),
             plastic(1.0),
             plastic(1.1),

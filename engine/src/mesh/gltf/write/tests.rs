@@ -150,6 +150,13 @@ fn materials_are_read_as_they_were_written() {
             ..named("green glass")
         },
         LoadedMaterial { clear: Some(Clear::Pane(1.5)), base_color: vec3(0.3, 0.9, 0.5), roughness: 0.0, ..named("l") },
+        LoadedMaterial {
+            clear: Some(Clear::Pane(1.4)),
+            base_color_image: Some(colors.clone()),
+            roughness: 0.6,
+            roughness_image: Some(grey(2)),
+            ..named("frosted")
+        },
     ];
     let cloth = |name: &str, color_image: Option<LoadedImage>, roughness_image: Option<LoadedImage>| {
         let sheen = Some(Sheen { color: vec3(0.9, 0.5, 0.25), color_image, roughness: 0.6, roughness_image });
