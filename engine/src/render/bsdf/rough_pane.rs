@@ -40,12 +40,7 @@ impl RoughPane {
 
     /// f·|cos θo| and the density of [`RoughPane::sample`].
     pub fn eval_and_pdf(&self, n: Vec3, wi: Vec3, wo: Vec3) -> (Vec3, f32) {
-        let co = n.dot(wo);
-        match () {
-            () if co > 0.0 => self.lobe(&Angles::new(n, wi, wo), false),
-            () if co < 0.0 => self.lobe(&Angles::new(n, wi, mirrored_at_plane(n, wo)), true),
-            () => (Vec3::ZERO, 0.0),
-        }
+        angles(n, wi, wo).map_or((Vec3::ZERO, 0.0), |(angles, passes)| self.lobe(&angles, passes))
     }
 
     /// One of both lobes, by the angles of a reflection: its value, and its density among samples.
@@ -77,12 +72,7 @@ impl RoughPane {
     /// Adjoint of the value of [`RoughPane::eval_and_pdf`]. `half_fixed` is as in `Microfacets::d_eval`.
     pub fn d_eval(&self, n: Vec3, wi: Vec3, wo: Vec3, d_f: Vec3, half_fixed: bool) -> BsdfAdjoint {
         let mut out = BsdfAdjoint::default();
-        let co = n.dot(wo);
-        if co == 0.0 {
-            return out;
-        }
-        let passes = co < 0.0;
-        let angles = Angles::new(n, wi, if passes { mirrored_at_plane(n, wo) } else { wo });
+        let Some((angles, passes)) = angles(n, wi, wo) else { return out };
         let lobe = self.facets().d_eval(&angles, half_fixed);
         let [reflected, through] = self.shares(angles.half);
         let (factor, d_reflected) = match passes {
@@ -102,6 +92,16 @@ impl RoughPane {
         out.d_values[2].x = d_lobe * lobe.d_roughness;
         out
     }
+}
+
+/// The angles of a facet that reflects `wi` to `wo`, or to where `wo` is mirrored to if light passes, and whether it does. `None` along the plane.
+fn angles(n: Vec3, wi: Vec3, wo: Vec3) -> Option<(Angles, bool)> {
+    let co = n.dot(wo);
+    let passes = co < 0.0;
+    let mut angles = Angles::new(n, wi, if passes { mirrored_at_plane(n, wo) } else { wo });
+    // Next to the plane what is mirrored may be rounded to the side that it came from.
+    angles.co = co.abs();
+    co.is_normal().then_some((angles, passes))
 }
 
 /// A direction mirrored at the plane with the unit normal `n`.
@@ -287,6 +287,27 @@ mod tests {
                 assert!(mean.distance(straight) < 0.01, "{mean} instead of {straight}");
             }
         }
+    }
+
+    /// Samples towards points of a surface lie in its plane, as seen from another of its points, to within rounding.
+    #[test]
+    fn directions_along_the_plane_give_numbers() {
+        let mut rng = Pcg32::new(63);
+        let mut counts = [0; 2];
+        for i in 0..4000 {
+            let [n, r, wi] = [(); 3].map(|()| (Vec3::from(rng.next_3d()) * 2.0 - 1.0).normalize());
+            let wo = n.cross(r).normalize();
+            counts[usize::from(n.dot(wo) < 0.0)] += 1;
+            let pane = pane(1.5, Vec3::splat(0.8), [0.0, 0.3, 0.9][i % 3]);
+            let (f, pdf) = pane.eval_and_pdf(n, wi, wo);
+            assert!(f.is_finite() && f.cmpge(Vec3::ZERO).all() && pdf.is_finite() && pdf >= 0.0, "{n} {wo}: {f} {pdf}");
+            for half_fixed in [false, true] {
+                let d = pane.d_eval(n, wi, wo, Vec3::ONE, half_fixed);
+                let by = d.directions;
+                assert!([by.n, by.wi, by.wo].iter().chain(&d.d_values).all(|v| v.is_finite()), "{n} {wo}: {d:?}");
+            }
+        }
+        assert!(counts.iter().all(|n| *n > 1000), "{counts:?}");
     }
 
     #[test]
