@@ -1,7 +1,7 @@
 //! Runs a program on what is known of params: which numbers equal one, or lie on a straight line over one, and to which inputs they are
 //! passed.
 
-use std::collections::{BTreeMap, HashMap, HashSet};
+use std::collections::{BTreeMap, HashMap};
 use std::rc::Rc;
 
 use super::domains::{Line, Part, Reached, Taken, domain_of_field};
@@ -28,7 +28,7 @@ pub fn of_params(program: &Program) -> BTreeMap<DeclId, Vec<Reached>> {
         found: BTreeMap::new(),
         world: World::default(),
         locals: HashMap::new(),
-        lambdas: HashSet::new(),
+        lambdas: HashMap::new(),
         calls: HashMap::new(),
         active: Vec::new(),
         in_loss: true,
@@ -202,7 +202,8 @@ impl<'p> Known<'p> {
 #[derive(Clone, Default)]
 struct World<'p> {
     replaced: HashMap<DeclId, Known<'p>>,
-    known: HashMap<DeclId, Known<'p>>,
+    /// With the params of the conditions under which they were looked at.
+    known: HashMap<DeclId, (Known<'p>, Vec<DeclId>)>,
 }
 
 struct Run<'p> {
@@ -210,10 +211,10 @@ struct Run<'p> {
     found: BTreeMap<DeclId, Vec<Reached>>,
     world: World<'p>,
     locals: HashMap<LocalId, Known<'p>>,
-    /// Functions without a name that were looked into where they are written.
-    lambdas: HashSet<*const Lambda>,
-    /// How often functions were entered without params among their arguments.
-    calls: HashMap<DeclId, u32>,
+    /// Functions without a name that were looked into where they are written, with the params of the conditions there.
+    lambdas: HashMap<*const Lambda, Vec<DeclId>>,
+    /// How often functions were entered without params among their arguments, under conditions of so many params.
+    calls: HashMap<(DeclId, usize), u32>,
     /// Functions that are being looked into.
     active: Vec<DeclId>,
     /// Whether what is looked at is part of a loss. What is printed or saved beside it is a scene too, but a root of a negative number in it ends
@@ -227,7 +228,7 @@ struct Run<'p> {
 
 impl<'p> Run<'p> {
     fn decl(&mut self, id: DeclId) -> Known<'p> {
-        if let Some(known) = self.world.replaced.get(&id).or_else(|| self.world.known.get(&id)) {
+        if let Some(known) = self.world.replaced.get(&id) {
             return known.clone();
         }
         let program = self.program;
@@ -236,12 +237,20 @@ impl<'p> Run<'p> {
             return Known::Function(id);
         }
         let Some(body) = &decl.body else { return Known::Other };
+        let mut guarded = self.guarded.clone();
+        if let Some((known, before)) = self.world.known.get(&id) {
+            // What it is made of was no bound for the params of conditions. Where some of these are not asked for, it is one.
+            if is_within(before, &guarded) {
+                return known.clone();
+            }
+            guarded.retain(|id| before.contains(id));
+        }
         let Some(value) = self.deeper(|run| run.expr(body)) else { return Known::Other };
         let known = match decl.kind {
             DeclKind::Param(_) => Known::Param(id, Part::default(), Line::default()),
             _ => value,
         };
-        self.world.known.insert(id, known.clone());
+        self.world.known.insert(id, (known.clone(), guarded));
         known
     }
 
@@ -284,12 +293,13 @@ impl<'p> Run<'p> {
             ExprKind::Comprehension(c) => self.comprehension(c),
             ExprKind::Index { base, index } => {
                 let (known, at) = (self.expr(base), self.expr(index).number());
+                let at = at.map(|at| from_start(at, length(&base.ty)).unwrap_or(at));
                 known.take(at.map_or(Taken::Any, |at| Taken::Item(at as i64)))
             }
             ExprKind::Slice { base, start, end, inclusive } => {
                 let known = self.expr(base);
                 let ends = [start, end].map(|e| e.as_ref().map(|e| self.expr(e).number()));
-                match slice(ends, *inclusive) {
+                match slice(ends.map(|end| end.map(|x| from_start(x?, length(&base.ty)))), *inclusive) {
                     Some(slice) => known.take(slice),
                     None => Known::List(Rc::new(known.take(Taken::Any))),
                 }
@@ -378,7 +388,11 @@ impl<'p> Run<'p> {
                 seen.extend(self.locals.get(&id).map(|known| (id, known.clone())));
             }
         });
-        if self.lambdas.insert(lambda) {
+        let mut guarded = self.guarded.clone();
+        let before = self.lambdas.get(&std::ptr::from_ref(lambda));
+        if !before.is_some_and(|before| is_within(before, &guarded)) {
+            guarded.retain(|id| before.is_none_or(|before| before.contains(id)));
+            self.lambdas.insert(lambda, guarded);
             lambda.params.iter().for_each(|param| _ = self.locals.insert(*param, Known::Other));
             self.deeper(|run| run.expr(&lambda.body));
         }
@@ -386,7 +400,14 @@ impl<'p> Run<'p> {
     }
 
     fn binary(&mut self, op: BinaryOp, left: &'p Expr, right: &'p Expr, ty: &Ty) -> Known<'p> {
-        let (a, b) = (self.expr(left), self.expr(right));
+        let a = self.expr(left);
+        let outer = self.guarded.len();
+        if matches!(op, BinaryOp::And | BinaryOp::Or) {
+            // The right side is evaluated only where the left one does not decide.
+            self.guard(left);
+        }
+        let b = self.expr(right);
+        self.guarded.truncate(outer);
         if op == BinaryOp::Pow {
             self.note_root("^", &a, &b);
         }
@@ -440,7 +461,7 @@ impl<'p> Run<'p> {
             return Known::Other;
         }
         if !args.iter().flatten().any(Known::matters) {
-            let calls = self.calls.entry(id).or_default();
+            let calls = self.calls.entry((id, self.guarded.len())).or_default();
             *calls += 1;
             if *calls > MOST_CALLS {
                 return Known::Other;
@@ -589,12 +610,32 @@ fn zipped<'p>(lists: &[Known<'p>]) -> Known<'p> {
     }
 }
 
-/// What a slice takes whose ends may be missing. `None` if one is not known, or counts from the end.
+/// Whether all of these are among those.
+fn is_within(some: &[DeclId], all: &[DeclId]) -> bool {
+    some.iter().all(|id| all.contains(id))
+}
+
+/// How many items a value has along its first axis, if its type says so.
+fn length(ty: &Ty) -> Option<usize> {
+    match ty {
+        Ty::Num(shape) => *shape.first()?,
+        Ty::Array(_, n) => *n,
+        Ty::Tuple(items) => Some(items.len()),
+        _ => None,
+    }
+}
+
+/// An index among so many items, counted from the first one. `None` if it counts from the end and it is not known how many there are.
+fn from_start(at: f64, length: Option<usize>) -> Option<f64> {
+    if at < 0.0 { Some((at + length? as f64).max(0.0)) } else { Some(at) }
+}
+
+/// What a slice takes whose ends may be missing. `None` if one is not known.
 fn slice(ends: [Option<Option<f64>>; 2], inclusive: bool) -> Option<Taken> {
     let whole = |end: Option<Option<f64>>| match end {
         None => Some(None),
-        Some(Some(x)) if x >= 0.0 => Some(Some(x as usize)),
-        Some(_) => None,
+        Some(Some(x)) => Some(Some(x as usize)),
+        Some(None) => None,
     };
     let [from, to] = ends.map(whole);
     Some(Taken::Slice(from?.unwrap_or(0), to?.map(|to| to + usize::from(inclusive))))

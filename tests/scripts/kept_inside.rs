@@ -24,6 +24,7 @@ fn what_params_are_kept_inside_of_is_known_before_a_run() {
     let radiance = "`r` stays 0 or more: it is the `image` of `environment`";
     let roughness = "`r` stays from 0 to 1: it is the `roughness` of `phong`";
     let reflectance = "`r` stays from 0 to 1: it is the `reflectance` of `diffuse`";
+    let root = "`r` stays 0 or more: it is the `x` of `sqrt`";
     let rows = [
         ("r: image = image([[0.5, 0.5]])", "light l = environment(r)".to_owned(), radiance),
         ("r: image = image([[0.5, 0.5]])", "light l = environment(texture(r))".to_owned(), radiance),
@@ -91,17 +92,31 @@ fn what_params_are_kept_inside_of_is_known_before_a_run() {
         // A condition that asks for the param goes on where it is no bound.
         ("r = 0.5", "let m = if r > 0 then sqrt(r) else r ^ 2".to_owned(), ""),
         ("r = [0.5, 2]", "let m = sum([sqrt(x) for x in r if x > 0])".to_owned(), ""),
-        (
-            "r = [0.5, 2]",
-            "let m = sum([sqrt(x) for x in r])".to_owned(),
-            "`r` stays 0 or more: it is the `x` of `sqrt`",
-        ),
+        ("r = [0.5, 2]", "let m = sum([sqrt(x) for x in r])".to_owned(), root),
         ("r = 0.5", "fn root(x: scalar) = if x < 0 then 0 else sqrt(x)\nlet m = root(r)".to_owned(), ""),
         (
             "r = 0.5",
             "let m = if other > 0 then sqrt(r) else 0".to_owned(),
             "`r` stays 0 or more: it is the `x` of `sqrt`",
         ),
+        // So does what stands before `and` and `or`.
+        ("r = 0.5", "let m = if r > 0 and sqrt(r) < 2 then 1 else 0".to_owned(), ""),
+        ("r = 0.5", "let m = if r <= 0 or sqrt(r) > 2 then 1 else 0".to_owned(), ""),
+        ("r = 0.5", "let m = if sqrt(r) < 2 and r > 0 then 1 else 0".to_owned(), root),
+        ("r = 0.5", "let m = if other > 0 and sqrt(r) < 2 then 1 else 0".to_owned(), root),
+        // What was met under a condition is met again outside of it, or under another one.
+        ("r = 0.5", "let s = sqrt(r)\nlet m = (if r > 0 then s else 0) + s".to_owned(), root),
+        (
+            "r = 0.5",
+            "let s = sqrt(r)\nlet m = (if r > 0 then s else 0) + (if other > 0 then s else 0)".to_owned(),
+            root,
+        ),
+        ("r = 0.5", "let s = sqrt(r)\nlet t = s + 1\nlet m = (if r > 0 then t else 0) + s".to_owned(), root),
+        ("r = 0.5", "let s = sqrt(r)\nlet m = (if r > 0 then s else 0) + (if r > 1 then s else 0)".to_owned(), ""),
+        // Parts that are counted from the end.
+        ("r = [9, 0.1, 0.2, 0.3]", shape("diffuse(r[-3..])"), reflectance),
+        ("r = [9, 0.1, 0.2, 0.3, 9]", shape("diffuse(r[-4..-1])"), reflectance),
+        ("r = [9, 0.5, 9]", shape("phong(roughness: r[0..2][-1])"), roughness),
         // Beside the loss.
         ("r = 0.5", "let x = sqrt(r)".to_owned(), ""),
         ("r = 0.5 in 0..1", shape("diffuse(r)"), ""),
@@ -115,5 +130,27 @@ fn what_params_are_kept_inside_of_is_known_before_a_run() {
             "" => assert!(told.is_empty(), "{text}: {told:#?}"),
             _ => assert!(told.iter().any(|note| note.contains(wanted)), "{text}: {told:#?}"),
         }
+    }
+}
+
+/// A slice is the items that it takes, counted from the start or from the end: all others may go anywhere.
+#[test]
+fn slices_keep_their_own_items_inside() {
+    for (slice, parts) in [
+        ("r[1..4]", [false, true, true, true, false]),
+        ("r[-4..-1]", [false, true, true, true, false]),
+        ("r[-3..]", [false, false, true, true, true]),
+        ("r[-5..=-3]", [true, true, true, false, false]),
+        ("r[1..][-3..]", [false, false, true, true, true]),
+    ] {
+        let text = format!(
+            "camera eye {{ film: [4, 4] }}\nparam r = [0.5, 0.5, 0.5, 0.5, 0.5]\n\
+             let m = diffuse({slice})\noptimize sum(r) {{ steps: 1 }}\n"
+        );
+        let Checked { program, diagnostics, .. } = check::check_text("test.dscene", None, &text, &[], &Disk);
+        let program = program.unwrap_or_else(|| panic!("{text}: {diagnostics:#?}"));
+        let reached = check::domains(&program);
+        let [one] = reached[&program.find("r").unwrap()].as_slice() else { panic!("{slice}: {reached:#?}") };
+        assert_eq!([0, 1, 2, 3, 4].map(|i| one.part.contains(&[5], i)), parts, "{slice}");
     }
 }
