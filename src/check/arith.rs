@@ -1,7 +1,7 @@
 //! Operators: broadcasting, units, comparison.
 
 use super::declare::broken;
-use super::hir::{BinaryOp, Callee, Expr, ExprKind, UnaryOp};
+use super::hir::{BinaryOp, Builtin, Callee, Expr, ExprKind, UnaryOp};
 use super::infer::{Typed, typed};
 use super::modules::Checker;
 use super::operands::numbers_of;
@@ -48,6 +48,7 @@ impl Checker<'_> {
         if *a == Ty::Error || *b == Ty::Error {
             return broken(span);
         }
+        self.note_turns(&left, &right);
         // A part of a whole, `10% of x`, is a product by another word.
         let sign = if self.sources.text(op_span) == "of" { "of" } else { sign(op) };
         match result_type(op, a, b) {
@@ -101,6 +102,17 @@ impl Checker<'_> {
                 self.diagnostics.push(diagnostic.help_opt(help));
                 broken(span)
             }
+        }
+    }
+
+    /// Notes a number that `step` stands beside, as in `step - 100` and `step < 100`: schedules turn there.
+    fn note_turns(&mut self, left: &Typed, right: &Typed) {
+        if self.at_step.is_none() {
+            return;
+        }
+        for (one, other) in [(left, right), (right, left)] {
+            let number = other.value.as_ref().and_then(Const::number);
+            self.turns.extend(number.filter(|_| matches!(one.expr.kind, ExprKind::Builtin(Builtin::Step))));
         }
     }
 }

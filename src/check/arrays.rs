@@ -11,6 +11,9 @@ use crate::diag::Diagnostic;
 use crate::source::Span;
 use crate::syntax::ast;
 
+/// The numbers of longer ranges are not evaluated as constants.
+const MOST_IN_RANGE: usize = 64;
+
 impl Checker<'_> {
     /// `[0, 45deg, 0]`: written numbers among angles, which are degrees too; whether that was it.
     fn report_degrees(&mut self, items: &[Typed]) -> bool {
@@ -100,6 +103,7 @@ impl Checker<'_> {
         let mut count: Dim = Some(1);
         // The items have different types, so the element is checked for each of them.
         let mut mixed: Option<(Vec<Ty>, Vec<Option<Const>>)> = None;
+        let mut known = None;
         for clause in clauses {
             let items = self.expr(&clause.items, None);
             let (item, n) = match (item_of(&items.expr.ty), &items.expr.ty) {
@@ -129,6 +133,7 @@ impl Checker<'_> {
                     (Ty::Error, None)
                 }
             };
+            known = items.value.clone().map(|value| (value, item.clone()));
             count = match (count, n, &clause.condition) {
                 (Some(a), Some(b), None) => a.checked_mul(b),
                 _ => None,
@@ -147,6 +152,12 @@ impl Checker<'_> {
         let element_tree = element;
         let element = self.expr(element_tree, None).expr;
         self.locals.truncate(depth);
+        let value = match (clauses, known) {
+            ([clause], Some((Const::List(items), item))) if clause.condition.is_none() => {
+                self.each_value(element_tree, clause, &items, &item)
+            }
+            _ => None,
+        };
         let mut element_ty = element.ty.clone();
         if let (Some((parts, values)), [clause]) = (mixed, clauses) {
             element_ty = self.each_part(element_tree, clause, &parts, &values);
@@ -156,7 +167,37 @@ impl Checker<'_> {
             Ty::Any => Ty::Array(Box::new(Ty::Any), count),
             ty => stack(ty.clone(), count),
         };
-        typed(ExprKind::Comprehension(Box::new(hir::Comprehension { element, clauses: out })), span, ty)
+        let kind = ExprKind::Comprehension(Box::new(hir::Comprehension { element, clauses: out }));
+        Typed { value, ..typed(kind, span, ty) }
+    }
+
+    /// The values of a comprehension's elements, each computed from its item: only at a step of an optimisation, where schedules such as
+    /// `piecewise` are numbers.
+    fn each_value(
+        &mut self,
+        element: &ast::Expr,
+        clause: &ast::ForClause,
+        items: &[Const],
+        item: &Ty,
+    ) -> Option<Const> {
+        let [name] = clause.names.as_slice() else { return None };
+        if self.at_step.is_none() || self.in_each_value || items.len() > MOST_IN_RANGE {
+            return None;
+        }
+        self.in_each_value = true;
+        let depth = self.locals.len();
+        // What is wrong with elements was told where they were checked for any item.
+        let told = std::mem::take(&mut self.diagnostics);
+        let each = items.iter().map(|known| {
+            self.new_local(&name.text, item.clone(), Some(known.clone()));
+            let value = self.expr(element, None).value;
+            self.locals.truncate(depth);
+            value
+        });
+        let values = each.collect::<Option<Vec<Const>>>();
+        self.diagnostics = told;
+        self.in_each_value = false;
+        values.map(Const::List).filter(|list| list.size() <= MAX_CONST)
     }
 
     /// The type of a comprehension's elements if items have different types: the element is checked for each item, and all results must
@@ -476,8 +517,10 @@ impl Checker<'_> {
             }
             _ => None,
         };
+        let numbers = |(from, n): (f64, usize)| Const::List((0..n).map(|i| Const::Num(from + i as f64)).collect());
+        let value = ends.0.zip(count.filter(|n| *n <= MOST_IN_RANGE)).map(numbers);
         let kind = ExprKind::Range { start: Box::new(start.expr), end: Box::new(end.expr), inclusive };
-        typed(kind, span, Ty::Num(vec![count]))
+        Typed { value, ..typed(kind, span, Ty::Num(vec![count])) }
     }
 
     /// Checks a condition, which must be a bool.

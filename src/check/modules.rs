@@ -121,6 +121,10 @@ pub struct Checker<'l> {
     pub at_step: Option<At>,
     /// Whether one of them was.
     pub saw_step: bool,
+    /// Numbers with which `step` was compared there, or from which it was counted.
+    pub turns: Vec<f64>,
+    /// Whether the elements of a comprehension are computed one by one.
+    pub in_each_value: bool,
     /// Number of nested function bodies that are being checked.
     pub nested: usize,
     /// By function: number of instances that were checked for calls within other calls.
@@ -179,6 +183,8 @@ impl<'l> Checker<'l> {
             instances: HashMap::new(),
             at_step: None,
             saw_step: false,
+            turns: Vec::new(),
+            in_each_value: false,
             nested: 0,
             specialised: HashMap::new(),
             lambdas: HashMap::new(),

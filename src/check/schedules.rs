@@ -11,9 +11,11 @@ use crate::syntax::ast;
 const FOLLOWING: [&str; 2] = ["using", "blur"];
 /// So many steps are looked at, evenly from the first to the last.
 const MOST_STEPS: u64 = 33;
+/// And at most so many in all, with those where a schedule turns.
+const MOST_PLACES: usize = 100;
 
 /// A place in an optimisation.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct At {
     /// If it is known how many steps there are.
     pub step: Option<u64>,
@@ -33,13 +35,15 @@ impl Checker<'_> {
         let restarts = o.fields.iter().any(|field| field.name.text == "starts");
         let total = if o.stages.is_empty() { own } else { counts.iter().copied().sum() };
         let total = total.filter(|n| *n > 0 && !restarts);
-        let ends = [At { step: Some(0), progress: 0.0 }, At { step: None, progress: 1.0 }];
-        let all = total.map_or(ends.to_vec(), |total| places(0, total, total));
-        self.check_following(&o.fields, ("optimize", &OPTIMIZE), &all);
+        self.check_following(
+            &o.fields,
+            ("optimize", &OPTIMIZE),
+            total.map(|total| Steps { from: 0, to: total, total }),
+        );
         let mut from = 0;
         for (stage, count) in o.stages.iter().zip(counts) {
             let (Some(total), Some(count)) = (total, count) else { return };
-            self.check_following(&stage.fields, ("a stage", &STAGE), &places(from, from + count, total));
+            self.check_following(&stage.fields, ("a stage", &STAGE), Some(Steps { from, to: from + count, total }));
             from += count;
         }
     }
@@ -54,10 +58,15 @@ impl Checker<'_> {
         Some(typed.value?.count()? as u64)
     }
 
-    fn check_following(&mut self, fields: &[ast::Field], (what, known): (&str, &[&'static str]), places: &[At]) {
+    /// Looks at fields at some of these steps, or at the first and the last one if it is not known how many there are.
+    fn check_following(&mut self, fields: &[ast::Field], (what, known): (&str, &[&'static str]), steps: Option<Steps>) {
+        let ends = [At { step: Some(0), progress: 0.0 }, At { step: None, progress: 1.0 }];
         for field in fields.iter().filter(|field| FOLLOWING.contains(&field.name.text.as_str())) {
-            for at in places {
-                (self.at_step, self.saw_step) = (Some(*at), false);
+            let mut places = steps.map_or(ends.to_vec(), Steps::spread);
+            let mut next = 0;
+            while let Some(at) = places.get(next).copied() {
+                next += 1;
+                (self.at_step, self.saw_step) = (Some(at), false);
                 let (_, found) = self.trial(|checker| match field.name.text.as_str() {
                     "using" => _ = checker.checked_field(field, &Sig::Is(Ty::Optimizer)),
                     _ => _ = checker.setting(field, what, known),
@@ -71,8 +80,15 @@ impl Checker<'_> {
                     self.diagnostics.push(wrong);
                     break;
                 }
+                let turns = std::mem::take(&mut self.turns);
                 if !self.saw_step {
                     break;
+                }
+                let around = turns.iter().flat_map(|turn| [turn.floor(), turn.ceil(), turn.floor() - 1.0]);
+                for place in around.filter_map(|step| steps?.at(step)) {
+                    if places.len() < MOST_PLACES && !places.contains(&place) {
+                        places.push(place);
+                    }
                 }
             }
         }
@@ -80,10 +96,29 @@ impl Checker<'_> {
 }
 
 /// Steps from one to before another one, of so many.
-fn places(from: u64, to: u64, total: u64) -> Vec<At> {
-    let count = to.saturating_sub(from);
-    let looked_at = count.min(MOST_STEPS);
-    let nth = |i: u64| if looked_at < 2 { from } else { from + i * (count - 1) / (looked_at - 1) };
-    let progress = |step: u64| if total < 2 { 0.0 } else { step as f64 / (total - 1) as f64 };
-    (0..looked_at).map(nth).map(|step| At { step: Some(step), progress: progress(step) }).collect()
+#[derive(Clone, Copy)]
+struct Steps {
+    from: u64,
+    to: u64,
+    total: u64,
+}
+
+impl Steps {
+    /// Some of them, evenly from the first to the last.
+    fn spread(self) -> Vec<At> {
+        let count = self.to.saturating_sub(self.from);
+        let looked_at = count.min(MOST_STEPS);
+        let nth = |i: u64| if looked_at < 2 { self.from } else { self.from + i * (count - 1) / (looked_at - 1) };
+        (0..looked_at).map(|i| self.place(nth(i))).collect()
+    }
+
+    /// A step, if it is one of these.
+    fn at(self, step: f64) -> Option<At> {
+        (step >= self.from as f64 && step < self.to as f64).then(|| self.place(step as u64))
+    }
+
+    fn place(self, step: u64) -> At {
+        let progress = if self.total < 2 { 0.0 } else { step as f64 / (self.total - 1) as f64 };
+        At { step: Some(step), progress }
+    }
 }
