@@ -2,6 +2,7 @@
 //! refuse later is told now, in the same words, and what it gives is known too.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use super::arguments::Arguments;
 use super::call::Site;
@@ -12,8 +13,12 @@ use super::modules::Checker;
 use super::signature::{Const, Made};
 use super::types::Ty;
 use crate::diag::Diagnostic;
+use crate::mesh::shapes;
 use crate::natives::value::Value;
 use crate::natives::{self, Args, Context, NativeError};
+
+/// Natives of meshes that refuse their other arguments whatever the mesh is, which need not be known.
+const OF_ANY_MESH: [&str; 4] = ["rotate", "scale", "transform", "translate"];
 
 /// Natives that are not asked: what they give depends on more than their arguments, or takes long to make.
 const NOT_ASKED: [&str; 18] = [
@@ -48,13 +53,19 @@ impl Checker<'_> {
             && DerivativeKind::named(&name).is_none()
             && !READERS.contains(&name.as_str())
             && !NOT_ASKED.contains(&name.as_str());
-        if !is_asked || found.iter().flatten().any(|arg| arg.value.is_none()) {
-            return None;
-        }
-        let native = natives::find(&name)?;
+        // Random numbers are not drawn, but there may be too many of them.
+        let native = if natives::SHAPED.contains(&name.as_str()) {
+            natives::shape
+        } else {
+            natives::find(&name).filter(|_| is_asked)?
+        };
+        let is_shaped = !is_asked;
+        let is_moved = OF_ANY_MESH.contains(&name.as_str());
         let mut values = Vec::with_capacity(found.len());
         for (i, arg) in found.iter().enumerate() {
             values.push(match arg {
+                _ if is_shaped && i > 0 => Value::None,
+                Some(_) if is_moved && i == 0 => some_mesh()?,
                 Some(arg) => value_of(arg.value.as_ref()?, &arg.expr.ty)?,
                 None => match self.native_default(id, i) {
                     Some(default) => value_of(default.value.as_ref()?, &default.expr.ty)?,
@@ -74,6 +85,7 @@ impl Checker<'_> {
         };
         match native(&Args { names: &names, values: &values, context: &context }) {
             Ok(value) => const_of(&value, ty.is_angle()),
+            Err(refused) if is_moved && refused.arg.is_none_or(|arg| arg == 0) => None,
             Err(refused) => {
                 self.report_refused(&refused, Arguments::new(&signature, found), site);
                 None
@@ -111,6 +123,12 @@ fn value_of(known: &Const, ty: &Ty) -> Option<Value> {
         Const::Made(made) => made.0.clone(),
         Const::List(_) | Const::Record(_) | Const::Function(_) => return None,
     })
+}
+
+/// A mesh that stands for any: without normals, by which alone some matrices are wrong.
+fn some_mesh() -> Option<Value> {
+    let mesh = shapes::rectangle(1.0, 1.0).ok()?;
+    Some(Value::Mesh(Arc::new((&mesh).into())))
 }
 
 /// A result as a constant, if it is a few finite numbers, an answer or a material.

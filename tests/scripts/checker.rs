@@ -409,6 +409,10 @@ const KNOWN: &[(&str, &str)] = &[
     ("param p = 1\noptimize p ^ 2 { using: sgd(lr: warmup(-0.1)), steps: 3 }", "dscene::value::range"),
     ("param p = 1\noptimize p ^ 2 { using: sgd(lr: inverse_time(-0.1)), steps: 3 }", "dscene::value::range"),
     ("param p = 1\noptimize p ^ 2 { using: sgd(lr: fade(-0.1)), steps: 3 }", "dscene::value::range"),
+    (
+        "param p = 1\noptimize p ^ 2 { using: sgd(lr: piecewise([[0, 0.1], [9, -0.1]])), steps: 10 }",
+        "dscene::value::range",
+    ),
     ("param p = 1\noptimize p ^ 2 { using: sgd(lr: exponential(-0.1, -0.2)), steps: 3 }", "dscene::value::range"),
     (
         "param p = 1\noptimize p ^ 2 { using: sgd(lr: step_decay(0.1, factor: -1, every_steps: 4)), steps: 9 }",
@@ -636,6 +640,22 @@ fn arguments_in_each_others_place_are_told_once() {
     }
 }
 
+/// Settings that follow `step` are looked at where they turn too, however short the time is between two turns.
+#[test]
+fn schedules_are_looked_at_where_they_turn() {
+    let script = |lr: &str| format!("param p = 1\noptimize p ^ 2 {{ steps: 2000, using: adam(lr: {lr}) }}");
+    for (lr, at) in [
+        ("piecewise([[0, 0.1], [1000, 0.01], [1010, -0.01], [1012, 0.01]])", "at step 1010"),
+        ("if step > 1007 and step < 1009 then -1 else 0.1", "at step 1008"),
+    ] {
+        let found = errors(&script(lr));
+        let [one] = &found[..] else { panic!("{lr}: {found:#?}") };
+        assert_eq!(one.code, "dscene::value::range");
+        assert!(one.labels[0].text.ends_with(at), "{one:#?}");
+    }
+    assert!(errors(&script("piecewise([[0, 0.1], [1000, 0.01], [1010, 0], [1012, 0.01]])")).is_empty());
+}
+
 /// Natives are asked before the run what they make of values that are known by then.
 #[test]
 fn what_a_native_does_not_take_is_told_before_the_run() {
@@ -669,6 +689,13 @@ fn what_a_native_does_not_take_is_told_before_the_run() {
         ("let x = stack([image([[1, 2]]), image([[1], [2]])])", "dscene::type::shape"),
         ("let x = luminance(image([[[1, 2]]]))", "dscene::type::shape"),
         ("let x = log_normal_distribution([1, 2], [1, 2, 3])", "dscene::type::shape"),
+        // What a mesh is matters to none of these.
+        ("let x = scale(sphere(), 0)", REFUSED),
+        ("param r = 1\nlet x = sphere(radius: r) |> scale([1, 0, 1])", REFUSED),
+        // Too many numbers, of which none is drawn.
+        ("let x = uniform([60000000])", REFUSED),
+        ("param low = 0\nlet n = 6000\nlet x = uniform([n, n], low: low)", REFUSED),
+        ("let x = noise([20000, 20000])", REFUSED),
     ];
     let script = |(text, code): (&str, &'static str)| (text.to_owned(), code);
     refused_for(&refused.into_iter().map(script).collect::<Vec<_>>());

@@ -39,6 +39,7 @@ pub use images::mip_map;
 pub use lights::profile_rotation;
 pub use linear::apply;
 pub use near::{Deviation, deviation};
+pub use numbers::{SHAPED, shape};
 pub use scene::{NEEDS_FOCUS, add_to_scene, transform_matrix};
 
 /// An error of a native, with the argument to blame.

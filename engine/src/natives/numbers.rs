@@ -9,6 +9,14 @@ use super::{Args, Native, NativeError, Result, meshes};
 /// Most numbers in an array that `noise` or `uniform` makes.
 const MAX_NUMBERS: i64 = 1 << 24;
 
+/// Natives whose first argument is the shape of the random numbers that they give.
+pub const SHAPED: [&str; 2] = ["noise", "uniform"];
+
+/// Refuses shapes as these do, without drawing a number.
+pub fn shape(a: &Args) -> Result<Value> {
+    sizes(a, 0).map(|_| Value::None)
+}
+
 pub(super) const TABLE: &[(&str, Native)] = &[
     ("abs", |a| elementwise(a, Unary::Abs)),
     ("sign", |a| elementwise(a, Unary::Sign)),
