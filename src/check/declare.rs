@@ -142,6 +142,9 @@ impl Checker<'_> {
         if matches!(sig, Sig::Fn(..)) {
             return self.giving_colours(sig, typed);
         }
+        if matches!(sig, Sig::Record(_) | Sig::List(..)) && sig.spreads_within(&typed.expr.ty) {
+            return self.coerce_within(sig, typed);
+        }
         if let Some(shape) = sig.spread(&typed.expr.ty) {
             let span = typed.expr.span;
             let ty = Ty::Num(shape.iter().map(|n| Some(*n)).collect());

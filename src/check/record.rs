@@ -1,7 +1,7 @@
 //! Records: `{ cam: front, photo: a }`.
 
-use super::hir::{DeclId, Expr, ExprKind};
-use super::infer::{MAX_CONST, MAX_PARTS, Typed, typed};
+use super::hir::{Comprehension, DeclId, Expr, ExprKind, ForClause, LocalId};
+use super::infer::{MAX_CONST, MAX_PARTS, Typed, item_of, join_all, stack, typed};
 use super::modules::Checker;
 use super::signature::{Const, Sig};
 use super::types::Ty;
@@ -50,6 +50,112 @@ impl Checker<'_> {
             }
         }
         Sig::Record(out)
+    }
+
+    /// Spreads numbers over the colours that a type has in its records and lists of them.
+    pub(super) fn coerce_within(&mut self, sig: &Sig, whole: Typed) -> Typed {
+        let span = whole.expr.span;
+        // What is written out has its parts there; of all else they are taken, by a name for it.
+        if matches!(
+            (sig, &whole.expr.kind),
+            (Sig::Record(_), ExprKind::Record(_)) | (Sig::List(..), ExprKind::Array(_))
+        ) {
+            return self.coerce_parts(sig, whole);
+        }
+        let ty = whole.expr.ty.clone();
+        let named = self.unnamed(&ty);
+        let name = typed(ExprKind::Local(named), span, ty);
+        let inner = self.coerce_parts(sig, Typed { value: whole.value, ..name });
+        let (ty, value) = (inner.expr.ty.clone(), Box::new(whole.expr));
+        let kind = ExprKind::Let { local: named, value, body: Box::new(inner.expr) };
+        Typed { value: inner.value, ..typed(kind, span, ty) }
+    }
+
+    fn coerce_parts(&mut self, sig: &Sig, whole: Typed) -> Typed {
+        match sig {
+            Sig::Record(wanted) => self.coerce_fields(wanted, whole),
+            Sig::List(item, _) => self.coerce_items(item, whole),
+            _ => whole,
+        }
+    }
+
+    fn coerce_fields(&mut self, wanted: &[(String, Sig)], whole: Typed) -> Typed {
+        let Typed { expr: Expr { kind, span, ty }, value } = whole;
+        let known = match value {
+            Some(Const::Record(known)) => known,
+            _ => Vec::new(),
+        };
+        let fields: Vec<(String, Expr)> = match kind {
+            ExprKind::Record(fields) => fields,
+            kind => {
+                let base = Expr { kind, span, ty: ty.clone() };
+                let of = |name: &String| ty.record().and_then(|found| found.iter().find(|(n, _)| n == name));
+                let field = |(name, _): &(String, Sig)| {
+                    let kind = ExprKind::Field { base: Box::new(base.clone()), name: name.clone() };
+                    (name.clone(), typed(kind, span, of(name).map_or(Ty::Any, |(_, ty)| ty.clone())).expr)
+                };
+                wanted.iter().map(field).collect()
+            }
+        };
+        let (mut types, mut values, mut constants) = (Vec::new(), Vec::new(), Vec::new());
+        for (name, expr) in fields {
+            let value = known.iter().find(|(n, _)| *n == name).map(|(_, value)| value.clone());
+            let mut field = Typed { expr, value };
+            if let Some((_, sig)) = wanted.iter().find(|(n, _)| *n == name) {
+                field = self.coerce(sig, field);
+            }
+            constants.extend(field.value.map(|value| (name.clone(), value)));
+            types.push((name.clone(), field.expr.ty.clone()));
+            values.push((name, field.expr));
+        }
+        Typed { value: Some(Const::Record(constants)), ..typed(ExprKind::Record(values), span, Ty::Record(types)) }
+    }
+
+    fn coerce_items(&mut self, wanted: &Sig, whole: Typed) -> Typed {
+        let Typed { expr: Expr { kind, span, ty }, value } = whole;
+        let known = |i: usize| match &value {
+            Some(Const::List(items)) => items.get(i).cloned(),
+            _ => None,
+        };
+        let items: Vec<Expr> = match (kind, &ty) {
+            (ExprKind::Array(items), _) => items,
+            (kind, Ty::Tuple(types)) => {
+                let base = Expr { kind, span, ty: ty.clone() };
+                let item = |(i, item): (usize, &Ty)| {
+                    let index = typed(ExprKind::Number(i as f64), span, Ty::SCALAR).expr;
+                    let kind = ExprKind::Index { base: Box::new(base.clone()), index: Box::new(index) };
+                    typed(kind, span, item.clone()).expr
+                };
+                types.iter().enumerate().map(item).collect()
+            }
+            (kind, _) => {
+                let (item, n) = item_of(&ty).unwrap_or((Ty::Any, None));
+                let local = self.unnamed(&item);
+                let element = self.coerce(wanted, typed(ExprKind::Local(local), span, item)).expr;
+                let ty = stack(element.ty.clone(), n);
+                let items = Expr { kind, span, ty: Ty::Array(Box::new(Ty::Any), n) };
+                let clauses = vec![ForClause { locals: vec![local], items, condition: None }];
+                return typed(ExprKind::Comprehension(Box::new(Comprehension { element, clauses })), span, ty);
+            }
+        };
+        let n = items.len();
+        let items: Vec<Typed> = items
+            .into_iter()
+            .enumerate()
+            .map(|(i, expr)| self.coerce(wanted, Typed { expr, value: known(i) }))
+            .collect();
+        let types: Vec<Ty> = items.iter().map(|item| item.expr.ty.clone()).collect();
+        let ty = join_all(&types).map_or(Ty::Tuple(types), |item| stack(item, Some(n)));
+        let value = items.iter().map(|item| item.value.clone()).collect::<Option<Vec<Const>>>().map(Const::List);
+        Typed { value, ..typed(ExprKind::Array(items.into_iter().map(|item| item.expr).collect()), span, ty) }
+    }
+
+    /// A local that no name in the script stands for.
+    fn unnamed(&mut self, ty: &Ty) -> LocalId {
+        let depth = self.locals.len();
+        let local = self.new_local("", ty.clone(), None);
+        self.locals.truncate(depth);
+        local
     }
 
     /// Reports two records of one list that have different fields; false if they have the same.

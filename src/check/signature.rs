@@ -246,22 +246,53 @@ impl Sig {
                 _ => *ty == Ty::Str,
             },
             Sig::Union(choices) => choices.iter().any(|c| c.accepts(ty, value)),
-            Sig::List(item, n) => match ty {
-                Ty::Array(found, m) => item.accepts(found, None) && dims_agree(*n, *m),
-                Ty::Tuple(items) => items.iter().all(|i| item.accepts(i, None)) && dims_agree(*n, Some(items.len())),
-                _ => false,
-            },
+            Sig::List(item, n) => {
+                let known = |i: usize| match value {
+                    Some(Const::List(values)) => values.get(i),
+                    _ => None,
+                };
+                match ty {
+                    Ty::Array(found, m) => {
+                        let of_each = m.filter(|_| known(0).is_some()).unwrap_or(1);
+                        (0..of_each.max(1)).all(|i| item.accepts(found, known(i))) && dims_agree(*n, *m)
+                    }
+                    Ty::Tuple(items) => {
+                        let fits = |(i, ty): (usize, &Ty)| item.accepts(ty, known(i));
+                        items.iter().enumerate().all(fits) && dims_agree(*n, Some(items.len()))
+                    }
+                    _ => false,
+                }
+            }
             Sig::Record(wanted) => ty.record().is_some_and(|found| {
+                let known = |name: &String| match value {
+                    Some(Const::Record(values)) => values.iter().find(|(n, _)| n == name).map(|(_, value)| value),
+                    _ => None,
+                };
                 let field = |name: &String| found.iter().find(|(n, _)| n == name).map(|(_, ty)| ty);
                 found.len() == wanted.len()
-                    && wanted
-                        .iter()
-                        .all(|(name, sig)| field(name).is_some_and(|ty| sig.accepts(ty, None) && fits(&sig.ty(), ty)))
+                    && wanted.iter().all(|(name, sig)| field(name).is_some_and(|ty| sig.accepts(ty, known(name))))
             }),
             Sig::Fn(params, _) => match ty {
                 Ty::Fn(found, _) => found.len() == params.len() || found.len() > params.len(),
                 _ => false,
             },
+        }
+    }
+
+    /// Whether numbers in the records and lists of a value are spread over the colours that this has there.
+    pub fn spreads_within(&self, ty: &Ty) -> bool {
+        match (self, ty) {
+            (_, Ty::Error) => false,
+            (Sig::Color, ty) => ty.is_scalar() || *ty == Ty::Any,
+            (Sig::Fn(_, result), Ty::Fn(_, gives)) => **result == Sig::Color && **gives != Ty::vector(3),
+            (Sig::Record(fields), Ty::Any) => fields.iter().any(|(_, sig)| sig.spreads_within(&Ty::Any)),
+            (Sig::Record(fields), Ty::Record(found)) => fields
+                .iter()
+                .any(|(name, sig)| found.iter().find(|(n, _)| n == name).is_some_and(|(_, ty)| sig.spreads_within(ty))),
+            (Sig::List(item, _), Ty::Any) => item.spreads_within(&Ty::Any),
+            (Sig::List(item, _), Ty::Array(found, _)) => item.spreads_within(found),
+            (Sig::List(item, _), Ty::Tuple(items)) => items.iter().any(|ty| item.spreads_within(ty)),
+            _ => false,
         }
     }
 

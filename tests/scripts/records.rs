@@ -82,6 +82,65 @@ fn lists_of_records_are_gone_through() {
     prints("print [r.p.x + r.p.y for r in [{ p: [1, 2] }, { p: [3, 4] }]]", "[3, 7]\n");
 }
 
+/// A number is taken for a colour inside of records, and of lists of them, as it is elsewhere: however it is written, as an argument and as
+/// a result.
+#[test]
+fn numbers_in_records_are_taken_for_colours() {
+    let function = "fn f(r: { c: color, n: scalar }) = r.c * r.n\n";
+    for (script, told) in [
+        ("let r: { c: color } = { c: 0.5 }\nprint r.c", "[0.5, 0.5, 0.5]\n"),
+        ("let a = { c: 0.5 }\nlet r: { c: color } = a\nprint r.c, a.c", "[0.5, 0.5, 0.5] 0.5\n"),
+        (
+            "let r: { c: color }[] = [{ c: 0.5 }, { c: [1, 0, 0] }]\nprint [x.c for x in r]",
+            "[[0.5, 0.5, 0.5], [1, 0, 0]]\n",
+        ),
+        (
+            "let a = [{ c: 0.5 }, { c: [1, 0, 0] }]\nlet r: { c: color }[2] = a\nprint r[0].c, r[1].c",
+            "[0.5, 0.5, 0.5] [1, 0, 0]\n",
+        ),
+        ("let r: { c: color }[] = [{ c: x } for x in [1, 2]]\nprint [x.c for x in r]", "[[1, 1, 1], [2, 2, 2]]\n"),
+        ("let r: { of: { c: color } } = { of: { c: 2 } }\nprint r.of.c", "[2, 2, 2]\n"),
+        ("let r: { f: (scalar) => color } = { f: x => x }\nprint r.f(2)", "[2, 2, 2]\n"),
+        (&format!("{function}print f({{ c: 0.5, n: 2 }}), f({{ n: 2, c: [1, 2, 3] }})"), "[1, 1, 1] [2, 4, 6]\n"),
+        (
+            &format!("{function}let a = {{ n: 2, c: 1 }}\nprint f(a), [f(x) for x in [a, a]]"),
+            "[2, 2, 2] [[2, 2, 2], [2, 2, 2]]\n",
+        ),
+        ("fn f(x): { c: color } = { c: x }\nprint f(0.5).c, f([1, 2, 3]).c", "[0.5, 0.5, 0.5] [1, 2, 3]\n"),
+        ("fn f(r: { c: color } = { c: 0.5 }) = r.c\nprint f()", "[0.5, 0.5, 0.5]\n"),
+    ] {
+        prints(script, told);
+    }
+    let script = "\
+param x = 0.5
+fn total(r: { c: color }) = sum(r.c)
+loss l = total({ c: x })
+print grad(l, x)
+";
+    prints(script, "3\n");
+    let place = Place::new();
+    place.write("a.json", "[{ \"c\": 0.5 }, { \"c\": [1, 0, 0] }]");
+    let told = place.run("let r: { c: color }[] = load_json(\"a.json\")\nprint [x.c for x in r]");
+    assert_eq!(told, "[[0.5, 0.5, 0.5], [1, 0, 0]]\n");
+}
+
+/// What a type asks of a known number or word, it asks of those in records and lists of them too.
+#[test]
+fn known_values_in_records_are_what_their_types_say() {
+    for script in [
+        "let r: { n: int } = { n: 2.5 }",
+        "let r: { n: int }[] = [{ n: 1 }, { n: 2.5 }]",
+        "fn f(r: { w: \"a\" | \"b\" }) = r.w\nprint f({ w: \"c\" })",
+        "let r: { c: color } = { c: [1, 2] }",
+        "let r: { p: vec3 } = { p: 0 }",
+    ] {
+        let found = check_text("test.dscene", None, script, &[], &Disk).diagnostics;
+        let [one] = &found[..] else { panic!("{script}: {found:#?}") };
+        assert_eq!(one.code, "dscene::type::mismatch", "{script}: {found:#?}");
+    }
+    prints("let r: { n: int, w: \"a\" | \"b\" } = { n: 2, w: \"b\" }\nprint r.n, r.w", "2 b\n");
+}
+
 #[test]
 fn derivatives_flow_through_fields() {
     let script = "\
