@@ -18,6 +18,13 @@ pub fn explain(
     declared: &dyn std::ops::Fn(&str) -> bool,
 ) -> Diagnostic {
     let span = |start: usize, end: usize| Span::new(source, offset + start, offset + end);
+    if let Some(foreign) = habits::formats::find(text) {
+        let (start, end) = (foreign.start, foreign.end);
+        let message = format!("no statement begins with `{}`", &text[start..end]);
+        return Diagnostic::error("dscene::syntax::unknown_statement", message)
+            .label(span(start, end), format!("this is {}", foreign.language))
+            .help(foreign.help);
+    }
     if let Some(diagnostic) = sweep_head(text, &span) {
         return diagnostic;
     }

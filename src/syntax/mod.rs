@@ -93,6 +93,8 @@ fn read_each(source: SourceId, scan: &scan::Scan, visit: Option<&mut Visit>) -> 
 fn read(source: SourceId, scan: &scan::Scan, visit: Option<&mut Visit>) -> (ast::File, Vec<Diagnostic>) {
     let mut diagnostics = scan.diagnostics.clone();
     let mut tree = ast::File::default();
+    // Languages of which statements were found: all that a script has of one are one mistake.
+    let mut foreign: Vec<&str> = Vec::new();
     for (piece, read) in scan.pieces.iter().zip(read_each(source, scan, visit)) {
         let Some(text) = scan.text.get(piece.start..piece.end) else { continue };
         let statements = tree.statements.len();
@@ -112,6 +114,11 @@ fn read(source: SourceId, scan: &scan::Scan, visit: Option<&mut Visit>) -> (ast:
                     diagnostics.iter_mut().filter(|d| is_within(d)).for_each(|d| d.severity = Severity::Error);
                 }
                 Err(error) => {
+                    let language = habits::formats::find(text).map(|found| found.language);
+                    if language.is_some_and(|language| foreign.contains(&language)) {
+                        continue;
+                    }
+                    foreign.extend(language);
                     let declared = |name: &str| {
                         tree.unread.iter().any(|n| n == name)
                             || tree.statements.iter().any(|s| s.declares() == Some(name))

@@ -2,8 +2,12 @@
 //!
 //! Also blanks comments out, collects documentation, and finds unclosed brackets and strings and what is nested too deeply.
 
+mod foreign;
+
 use crate::diag::Diagnostic;
 use crate::source::{SourceId, Span};
+pub use foreign::is_directive;
+use foreign::{end_of_tags, is_division, is_from, is_tag, preprocessed};
 
 /// Deeper nesting than this is refused: no person writes it, and it would exhaust the stack.
 pub const MAX_DEPTH: usize = 100;
@@ -88,23 +92,6 @@ pub fn scan(source: SourceId, text: &str) -> Scan {
         piece.broken |= !depth_is_fine(source, text, &tokens, piece, &mut diagnostics);
     }
     Scan { text: text_out, pieces, comments, tokens, diagnostics }
-}
-
-/// Whether a comment stands where the second half of `7 // 2` or `(n // count)` would: behind a value, and nothing but a number,
-/// or a word or number with closing brackets or an operator behind it.
-fn is_division(before: &str, comment: &str) -> bool {
-    let before = before.rsplit('\n').next().unwrap_or(before).trim_end();
-    let behind_value = before.ends_with(|c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | ')' | ']'));
-    let text = comment.trim_start_matches('/').trim();
-    if !behind_value || comment.starts_with("///") {
-        return false;
-    }
-    let end = text.find(|c: char| !(c.is_ascii_alphanumeric() || matches!(c, '_' | '.'))).unwrap_or(text.len());
-    let (operand, rest) = (&text[..end], text[end..].trim());
-    let number = operand.starts_with(|c: char| c.is_ascii_digit()) && operand.parse::<f64>().is_ok();
-    let closes = !rest.is_empty() && rest.chars().all(|c| matches!(c, ')' | ']' | ','));
-    let goes_on = rest.starts_with(['+', '-', '*', '/']) && rest[1..].trim().parse::<f64>().is_ok();
-    !operand.is_empty() && (number && (rest.is_empty() || goes_on) || closes)
 }
 
 /// Whether a text has brackets or a string still open: the REPL then asks for another line.
@@ -338,11 +325,15 @@ impl Lexer<'_> {
         let code = "dscene::syntax::comment";
         if !self.diagnostics.iter().any(|d| d.code == code) {
             let text = self.text[start..end].trim_start_matches(['#', '!']).trim();
-            self.diagnostics.push(
-                Diagnostic::error(code, "comments begin with `//`, not with `#`")
+            let told = match preprocessed(text) {
+                Some(help) => Diagnostic::error(code, "there is no preprocessor")
+                    .label(Span::new(self.source, start, start + 1), "begins a colour: `#ff8800`")
+                    .help(help),
+                None => Diagnostic::error(code, "comments begin with `//`, not with `#`")
                     .label(Span::new(self.source, start, start + 1), "begins a colour: `#ff8800`")
                     .help(format!("write `// {text}`")),
-            );
+            };
+            self.diagnostics.push(told);
         }
         self.comments.push((start, end));
         self.at = end;
@@ -437,7 +428,16 @@ fn split(source: SourceId, text: &str, tokens: &[Token], diagnostics: &mut Vec<D
     let mut open: Vec<Token> = Vec::new();
     // Brackets that were reported; their statement is not parsed.
     let mut broken: Vec<usize> = Vec::new();
+    let mut read_from = 0;
     for (i, token) in tokens.iter().enumerate() {
+        if token.start < read_from {
+            continue;
+        }
+        if open.is_empty() && is_tag(text, token.start) {
+            starts.push(token.start);
+            read_from = end_of_tags(text, token.start);
+            continue;
+        }
         match token.kind {
             TokenKind::Open => open.push(*token),
             TokenKind::Close => match open.last() {
@@ -483,7 +483,7 @@ fn split(source: SourceId, text: &str, tokens: &[Token], diagnostics: &mut Vec<D
             }
             TokenKind::Other => {}
         }
-        if starts.is_empty() {
+        if starts.is_empty() || starts.last().is_some_and(|start| *start < read_from && read_from <= token.start) {
             starts.push(token.start);
         }
     }
@@ -582,7 +582,11 @@ fn begins_statement<'a>(
     }
     // `native fn` and `KIND let` are one statement.
     let previous = i.checked_sub(1).and_then(word);
-    if first == "fn" && previous == Some("native") {
+    if first == "fn" && (previous == Some("native") || matches!(shown(1), "=" | ">") && next == "(") {
+        return false;
+    }
+    // `from std.studio import softbox`
+    if first == "import" && is_from(text, tokens[i].start) {
         return false;
     }
     // Nothing that a colon leads to is a statement: `for i in range(3): print(i)`.
@@ -657,7 +661,7 @@ fn is_assignment(tokens: &[Token], i: usize, text: &str) -> bool {
     {
         next += 2;
     }
-    let Some(sign) = tokens.get(next) else { return false };
+    let Some(sign) = tokens.get(next) else { return is_directive(first) };
     let rest = &text[sign.start..];
     let assigns = rest.starts_with('=') && !rest.starts_with("==") && !rest.starts_with("=>");
     let changes = ["+=", "-=", "*=", "/=", "^=", "**=", ":=", "++", "--"].iter().any(|op| rest.starts_with(op));
@@ -671,7 +675,7 @@ fn is_assignment(tokens: &[Token], i: usize, text: &str) -> bool {
             TokenKind::Other => rest.starts_with(|c: char| c.is_ascii_digit() || c == '"'),
             _ => false,
         };
-    assigns || changes || calls || beside
+    assigns || changes || calls || beside || is_directive(first) && (!same_line || rest.starts_with('['))
 }
 
 /// `camera {` or `param =` at the beginning of a line: a statement whose name was forgotten.

@@ -261,8 +261,8 @@ const ROWS: &[Row] = &[
     (
         "LookAt 0 0 -4  0 0 0  0 1 0",
         "LookAt",
-        "camera NAME { position: …, look_at: …, fov: … }",
-        "camera k { position: v, look_at: [0, 0, 0], fov: 45deg }",
+        "camera NAME { position: [0, 0, -4], look_at: [0, 0, 0] }",
+        "camera k { position: [0, 0, -4], look_at: [0, 0, 0] }",
     ),
     ("let a: Tensor = v", "Tensor", "scalar[]", "let a: scalar[] = v"),
     ("camera k { width: 64 }", "width", "film", "camera k { film: [64, 48] }"),

@@ -25,6 +25,7 @@ mod editor_grammar;
 mod expectations;
 mod explain;
 mod format;
+mod formats;
 mod fuzzed;
 mod grad_server;
 mod growth;

@@ -56,6 +56,27 @@ impl<'a> Stop<'a> {
         habit(wrong.0, wrong.1, message, "a function is declared otherwise", format!("write `{typed}`"))
     }
 
+    /// `let f = fn(x) = 2 * x`, `let f = function(x) { return 2 * x }`, `let f = def(x): 2 * x`.
+    pub fn function_value(&self) -> Option<Habit> {
+        let (head, value) = self.text.split_once('=').filter(|_| self.first() == "let")?;
+        let start = head.len() + 1 + (value.len() - value.trim_start().len());
+        let word = leading_word(value.trim_start());
+        let open = start + word.len();
+        let open = open + self.text.get(open..)?.find('(').filter(|skipped| *skipped < 2)?;
+        if !matches!(word, "fn" | "func" | "function" | "fun" | "def" | "lambda") || self.at < start {
+            return None;
+        }
+        let close = closing(self.text, open)?;
+        let names = parts(self.text.get(open + 1..close)?);
+        let names: Vec<&str> = names.iter().map(|name| name.split(':').next().unwrap_or(name).trim()).collect();
+        let names = if let [one] = names[..] { one.to_owned() } else { format!("({})", names.join(", ")) };
+        let body = self.text.get(close + 1..)?.trim_start().trim_start_matches(['=', '>', ':', '-', '{']).trim();
+        let body = body.strip_prefix("return ").unwrap_or(body).trim_end_matches(['}', ';', ' ']);
+        let body = if body.is_empty() || body.contains(['\n', ';']) { "…" } else { body };
+        let help = format!("a function value is `{names} => {body}`");
+        habit(start, start + word.len(), format!("`{word}` makes no value"), "not needed", help)
+    }
+
     /// `fn f x = x`, `fn f = x => x`.
     fn without_brackets(&self, name: &str) -> Option<Habit> {
         let (head, body) = self.text.split_once('=').filter(|_| self.first() == "fn" && !name.is_empty())?;
@@ -135,6 +156,11 @@ impl<'a> Stop<'a> {
         let value = expression_after(self.text, at + 1);
         let lead = self.text.get(..at)?.trim_end().strip_suffix(left)?;
         let lead = lead.rsplit('\n').next()?.trim();
+        // `x: float = 1`
+        let typed = value.split_once('=').filter(|(ty, _)| !ty.is_empty() && leading_word(ty) == ty.trim_end());
+        if let Some((_, value)) = typed.filter(|_| lead.is_empty() && !is_reserved(left)) {
+            return habit(at, at + 1, "`:` does not fit here", "not a declaration", self.assigned(left, value.trim())?);
+        }
         if value.is_empty() || value.contains('=') {
             return None;
         }

@@ -2,6 +2,7 @@
 //! The spellings themselves stand in [`crate::diag::advice`]; here is what has more to it than one word.
 
 mod declared;
+pub mod formats;
 mod statements;
 mod strings;
 
@@ -51,6 +52,7 @@ pub fn find(text: &str, at: usize, declared: &dyn Fn(&str) -> bool) -> Option<Ha
     let at = if begins { sign } else { at };
     let stop = Stop { text, at, declared };
     stop.function()
+        .or_else(|| stop.function_value())
         .or_else(|| stop.declaration())
         .or_else(|| stop.statement())
         .or_else(|| stop.record())

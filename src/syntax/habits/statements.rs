@@ -1,6 +1,7 @@
 //! Actions and imports as other languages have them: what stands in brackets, behind commas or in another order.
 
 use super::{Habit, Stop, habit, leading_word};
+use crate::diag::advice;
 use crate::syntax::scan::{is_reserved, statement_words};
 use crate::syntax::snippet::{arguments, closing, operand_after, parts};
 
@@ -12,6 +13,7 @@ impl Stop<'_> {
             "plot" => self.plotted(),
             "expect" => self.expected(),
             "import" => self.imported(),
+            "from" => self.imported_from(),
             "save" => self.saved_by_a_sign(),
             "sweep" => self.swept(),
             word if !word.is_empty() && !statement_words().any(|known| known == word) => self.called(),
@@ -115,6 +117,28 @@ impl Stop<'_> {
     }
 
     /// `save image > "a.png"`
+    /// `from std.studio import softbox`, `from scene import ball`.
+    fn imported_from(&self) -> Option<Habit> {
+        let start = self.text.len() - self.text.trim_start().len();
+        let (module, names) = self.text.get(self.behind_first()..)?.split_once("import")?;
+        let (module, names) = (module.trim(), names.trim());
+        let name = names.split([',', ' ']).next()?;
+        let help = if let Some(name_of) = module.strip_prefix("std.") {
+            format!("write `import {module} as {name_of}`, then `{name_of}.{name}`")
+        } else if advice::is_module(module.split('.').next()?) {
+            "leave it out: all functions of the library are there".to_owned()
+        } else if module.starts_with('"') {
+            format!("all names come with a file: write `import {module}`")
+        } else {
+            format!(
+                "files are imported by path, with all names: write `import \"{}.dscene\"`",
+                module.replace('.', "/")
+            )
+        };
+        let end = start + self.first().len();
+        (!module.is_empty()).then(|| habit(start, end, "no statement begins with `from`", "expected `import`", help))?
+    }
+
     fn saved_by_a_sign(&self) -> Option<Habit> {
         let (value, path) = ["->", ">"].iter().find_map(|sign| self.text.rsplit_once(sign))?;
         let at = value.len();
