@@ -120,7 +120,7 @@ fn run_script(args: &RunArgs, terminal: &mut Terminal) -> u8 {
         Ok(Flow::Continue | Flow::Pruned) => 0,
     };
     let writing = Stopwatch::start();
-    let page = write_report(&mut loaded, &common, &folder, terminal);
+    let page = write_report(&mut loaded, &common, &folder, outcome.is_ok(), terminal);
     let told = tell_timings(args, [check, writing.elapsed().wall], &timings, &loaded, terminal);
     let code = if told || code != 0 { code } else { EXIT_WRONG };
     conclude(args, &report, &path, code, watch.elapsed().wall, terminal);
@@ -204,13 +204,24 @@ fn conclude(args: &RunArgs, report: &RunReport, path: &Path, code: u8, seconds: 
     }
 }
 
-/// The page about the run. What it cannot have is left out; what has been computed is not worth less for it.
-fn write_report(loaded: &mut Loaded, common: &Common, folder: &RunFolder, terminal: &mut Terminal) -> Option<PathBuf> {
+/// The page about the run. What it cannot have is left out; what has been computed is not worth less for it. If the run `ended` without an
+/// error, the params are where the engine has them; else they are where the last checkpoint has them, which may be earlier.
+fn write_report(
+    loaded: &mut Loaded,
+    common: &Common,
+    folder: &RunFolder,
+    ended: bool,
+    terminal: &mut Terminal,
+) -> Option<PathBuf> {
     let script = loaded.engine.unstopped(|engine| script_of_report(engine, &common.set)).ok().flatten();
     if !ranks::is_first() {
         return None;
     }
-    let written = Run::read(folder.path()).and_then(|run| folder.write_report(&report(&run, script.as_deref())));
+    let run = match ended {
+        true => Run::read_with(folder.path(), Some(loaded.engine.state().params())),
+        false => Run::read(folder.path()),
+    };
+    let written = run.and_then(|run| folder.write_report(&report(&run, script.as_deref())));
     match written {
         Ok(path) => Some(path),
         Err(diagnostic) => {

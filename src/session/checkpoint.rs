@@ -128,11 +128,13 @@ impl Checkpoint {
     /// Replaces the checkpoint in a run folder.
     pub fn write(&self, folder: &Path) -> Result<(), Diagnostic> {
         let path = folder.join(FILE);
-        let payload = postcard::to_allocvec(self).map_err(|e| cannot_write(&path, &std::io::Error::other(e)))?;
-        let mut bytes = Vec::with_capacity(HEAD.len() + 8 + payload.len());
-        bytes.extend(HEAD.as_bytes());
-        bytes.extend(fingerprint(&payload).to_le_bytes());
-        bytes.extend(payload);
+        // The payload may have hundreds of megabytes and is made in its place, behind the room for its fingerprint.
+        let payload = HEAD.len() + 8;
+        let mut bytes = HEAD.as_bytes().to_vec();
+        bytes.resize(payload, 0);
+        let mut bytes = postcard::to_extend(self, bytes).map_err(|e| cannot_write(&path, &std::io::Error::other(e)))?;
+        let hash = fingerprint(&bytes[payload..]);
+        bytes[HEAD.len()..payload].copy_from_slice(&hash.to_le_bytes());
         rewrite(&path, &bytes).map_err(|e| cannot_write(&path, &e))
     }
 

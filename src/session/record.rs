@@ -64,13 +64,15 @@ const MOST_FILES: usize = 20_000;
 impl Run {
     /// Reads a run folder. A log that another process is writing is read up to its last whole line.
     pub fn read(folder: &Path) -> Result<Run, Diagnostic> {
+        Run::read_with(folder, Checkpoint::read(folder).ok().map(|checkpoint| checkpoint.state().params()))
+    }
+
+    /// The same for who knows where the params have come to: a checkpoint may have hundreds of megabytes.
+    pub fn read_with(folder: &Path, found: Option<Vec<(String, Tensor)>>) -> Result<Run, Diagnostic> {
         let info = RunInfo::read(folder)?;
         let steps = Step::all(folder)?;
         let events = lines(&folder.join(EVENTS), |event| serde_json::from_value(event).ok())?;
-        let found = match Checkpoint::read(folder) {
-            Ok(checkpoint) => checkpoint.state().params(),
-            Err(_) => steps.last().map(|step| step.params.clone()).unwrap_or_default(),
-        };
+        let found = found.or_else(|| Some(steps.last()?.params.clone())).unwrap_or_default();
         Ok(Run { folder: folder.to_path_buf(), info, steps, events, saved: saved(folder), found })
     }
 
