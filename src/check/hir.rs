@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::signature::Sig;
 use super::types::Ty;
-use crate::source::{SourceMap, Span};
+use crate::source::{Shared, SourceMap, Span};
 
 pub use crate::syntax::ast::{BinaryOp, Domain, StrFormat, UnaryOp};
 
@@ -21,7 +21,7 @@ pub struct LocalId(pub u32);
 #[derive(Clone, Debug, Default)]
 pub struct Program {
     /// The standard library's declarations come first. Replaced declarations (REPL) keep their id.
-    pub decls: Vec<Arc<Decl>>,
+    pub decls: Shared<Arc<Decl>>,
     /// In the order of the file. Those of a `sweep` are what each of its runs does.
     pub actions: Vec<Action>,
     /// Those of the file, in its order; what runs actions passes over them.

@@ -14,7 +14,7 @@ use super::modules::{Checker, Instance, Module, ModuleId, PRELUDE, Slot, State};
 use super::types::Ty;
 use super::{Disk, flow, with_room};
 use crate::diag::{self, Diagnostic};
-use crate::source::{SourceId, SourceMap};
+use crate::source::{Shared, SharedMap, SourceId, SourceMap};
 use crate::syntax;
 use crate::syntax::ast::{self, StatementKind};
 
@@ -58,10 +58,10 @@ impl fmt::Debug for Known {
 pub(super) struct Knowledge {
     pub(super) modules: Vec<Module>,
     pub(super) main: ModuleId,
-    pub(super) slots: Vec<Arc<Slot>>,
+    pub(super) slots: Shared<Arc<Slot>>,
     next_local: u32,
-    instances: HashMap<String, Instance>,
-    lambdas: HashMap<String, u32>,
+    instances: SharedMap<String, Instance>,
+    lambdas: SharedMap<String, u32>,
     unread: HashSet<String>,
     pub(super) files: HashMap<PathBuf, ModuleId>,
     library: HashMap<&'static str, ModuleId>,
@@ -258,14 +258,16 @@ impl Checker<'_> {
             self.action_statement(statement);
         }
         self.check_default_scene();
-        let kept = |decl: &Arc<hir::Decl>| (!stale.contains(&decl.id)).then(|| decl.clone());
-        self.unchanged = program.decls.iter().map(kept).collect();
+        self.kept = Some((program.decls.clone(), touched));
     }
 
     /// The declarations of a line's statements.
     fn line_result(&mut self, line: SourceId) -> Line {
-        let slots = self.slots.iter().filter(|s| s.statement.span.source == line);
-        let declared: Vec<DeclId> = slots.map(|s| s.hir.id).collect();
+        let of_line = |id: &DeclId| self.slot(*id).statement.span.source == line;
+        let declared: Vec<DeclId> = match &self.kept {
+            Some((_, touched)) => touched.iter().copied().filter(of_line).collect(),
+            None => (0..self.slots.len()).map(|i| DeclId(i as u32)).filter(of_line).collect(),
+        };
         // Actions of lines run once and are not part of the program. (An import declares nothing itself.)
         let (actions, rest) = std::mem::take(&mut self.actions).into_iter().partition(|a| a.span().source == line);
         self.actions = rest;

@@ -14,7 +14,7 @@ use super::schedules::At;
 use super::signature::{Const, FunctionKey, Sig};
 use super::types::Ty;
 use crate::diag::{Diagnostic, Names, did_you_mean, suggest};
-use crate::source::{SourceId, SourceMap, Span};
+use crate::source::{Shared, SharedMap, SourceId, SourceMap, Span};
 use crate::syntax;
 use crate::syntax::ast::{self, StatementKind};
 
@@ -29,7 +29,7 @@ pub const PRELUDE: ModuleId = 0;
 #[derive(Clone, Default)]
 pub struct Module {
     /// By name; the texts are shared by all copies, of which there is one for every line of the REPL.
-    pub names: HashMap<Arc<str>, DeclId>,
+    pub names: SharedMap<Arc<str>, DeclId>,
     pub aliases: HashMap<String, ModuleId>,
     pub path: Option<PathBuf>,
     pub user: bool,
@@ -106,7 +106,7 @@ pub struct Checker<'l> {
     pub diagnostics: DiagnosticLog,
     pub modules: Vec<Module>,
     /// Shared with the state that earlier lines left, until one of the two changes.
-    pub slots: Vec<Arc<Slot>>,
+    pub slots: Shared<Arc<Slot>>,
     pub locals: Vec<Local>,
     /// The module whose names are visible.
     pub module: ModuleId,
@@ -116,7 +116,7 @@ pub struct Checker<'l> {
     pub next_local: u32,
     /// How deep calls of function values are nested.
     pub applied: usize,
-    pub instances: HashMap<String, Instance>,
+    pub instances: SharedMap<String, Instance>,
     /// Where in an optimisation `step` and `progress` are taken, while settings that follow them are looked at.
     pub at_step: Option<At>,
     /// Whether one of them was.
@@ -130,7 +130,7 @@ pub struct Checker<'l> {
     /// By function: number of instances that were checked for calls within other calls.
     pub specialised: HashMap<FunctionKey, u32>,
     /// A number for each function value, by its text and the names that it sees.
-    pub lambdas: HashMap<String, u32>,
+    pub lambdas: SharedMap<String, u32>,
     pub actions: Vec<hir::Action>,
     pub tests: Vec<hir::Test>,
     pub sweep: Option<hir::Sweep>,
@@ -151,8 +151,8 @@ pub struct Checker<'l> {
     pub has_optimized: bool,
     /// Whether dataflow warnings are off (for lines of the REPL).
     pub quiet: bool,
-    /// By id: declarations of the previous program that did not change.
-    pub unchanged: Vec<Option<Arc<hir::Decl>>>,
+    /// The declarations of the previous program, and those that changed or are new, in their order.
+    pub kept: Option<(Shared<Arc<hir::Decl>>, Vec<DeclId>)>,
     /// The index for suggesting names, made when it is first needed.
     spelling: HashMap<ModuleId, Names>,
     /// Remaining budget for suggestions.
@@ -173,21 +173,21 @@ impl<'l> Checker<'l> {
             loader,
             diagnostics: DiagnosticLog::default(),
             modules: vec![Module::default()],
-            slots: Vec::new(),
+            slots: Shared::default(),
             locals: Vec::new(),
             module: PRELUDE,
             main: PRELUDE,
             stack: Vec::new(),
             next_local: 0,
             applied: 0,
-            instances: HashMap::new(),
+            instances: SharedMap::default(),
             at_step: None,
             saw_step: false,
             turns: Vec::new(),
             in_each_value: false,
             nested: 0,
             specialised: HashMap::new(),
-            lambdas: HashMap::new(),
+            lambdas: SharedMap::default(),
             actions: Vec::new(),
             tests: Vec::new(),
             sweep: None,
@@ -201,7 +201,7 @@ impl<'l> Checker<'l> {
             no_step: false,
             has_optimized: false,
             quiet: false,
-            unchanged: Vec::new(),
+            kept: None,
             spelling: HashMap::new(),
             spelling_budget: SPELLING_BUDGET,
             types: None,
@@ -253,12 +253,24 @@ impl<'l> Checker<'l> {
 
     /// The program (which must not be used if there are errors), the diagnostics and the sources.
     pub fn finish(mut self) -> (Program, Vec<Diagnostic>, SourceMap) {
-        let unchanged = self.unchanged.into_iter().chain(std::iter::repeat(None));
-        let own = |slot: Arc<Slot>| match library::decl(&slot) {
+        let own = |slot: &Arc<Slot>| match library::decl(slot) {
             Some(known) => known.clone(),
-            None => Arc::new(Arc::try_unwrap(slot).map_or_else(|slot| slot.hir.clone(), |slot| slot.hir)),
+            None => Arc::new(slot.hir.clone()),
         };
-        let decls = self.slots.into_iter().zip(unchanged).map(|(slot, old)| old.unwrap_or_else(|| own(slot))).collect();
+        let decls = match self.kept.take() {
+            None => self.slots.iter().map(own).collect(),
+            Some((mut decls, touched)) => {
+                for id in touched {
+                    let new = own(&self.slots[id.0 as usize]);
+                    if (id.0 as usize) < decls.len() {
+                        decls[id.0 as usize] = new;
+                    } else {
+                        decls.push(new);
+                    }
+                }
+                decls
+            }
+        };
         let mut program = Program {
             decls,
             actions: self.actions,
@@ -327,7 +339,12 @@ impl<'l> Checker<'l> {
     pub fn lambda_number(&mut self, body: Span) -> u32 {
         let seen: Vec<_> = self.locals.iter().map(|l| (&l.name, &l.ty, &l.value)).collect();
         let next = u32::try_from(self.lambdas.len()).unwrap_or(u32::MAX);
-        *self.lambdas.entry(format!("{body:?} {seen:?}")).or_insert(next)
+        let key = format!("{body:?} {seen:?}");
+        if let Some(known) = self.lambdas.get(&key) {
+            return *known;
+        }
+        self.lambdas.insert(key, next);
+        next
     }
 
     /// A module whose name is similar, as a suggestion.

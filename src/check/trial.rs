@@ -68,6 +68,6 @@ impl Checker<'_> {
             let id = key.split(' ').next().and_then(|id| id.parse::<usize>().ok());
             id.is_none_or(|id| slots.get(id).is_none_or(|s| modules[s.module].user))
         };
-        self.instances.retain(|key, _| !is_user(key));
+        self.instances.retain(|key| !is_user(key));
     }
 }

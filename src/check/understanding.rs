@@ -94,7 +94,7 @@ impl Understanding {
 
     /// All names that a module sees, its own ones first.
     pub fn visible(&self, module: ModuleId) -> impl Iterator<Item = (&str, DeclId)> {
-        let names = |module: ModuleId| self.module(module).into_iter().flat_map(|m| &m.names);
+        let names = |module: ModuleId| self.module(module).into_iter().flat_map(|m| m.names.iter());
         let library = names(PRELUDE).filter(move |(name, _)| module == PRELUDE || !is_private(name));
         names(module).chain(library).map(|(name, id)| (&**name, *id))
     }

@@ -14,7 +14,8 @@ impl Engine {
     /// depend on the edit stay computed, and params keep theirs unless their declaration changed, or what its initial value mentions.
     pub fn update(&mut self, program: Program) {
         let count = program.decls.len();
-        let mut changed: Vec<DeclId> = program.ids().filter(|&id| !same_decl(&self.program, &program, id)).collect();
+        let unshared = program.decls.unshared(&self.program.decls).map(|at| DeclId(at as u32));
+        let mut changed: Vec<DeclId> = unshared.filter(|&id| !same_decl(&self.program, &program, id)).collect();
         let same_scene = self.program.default_scene == program.default_scene;
         let same_scene = same_scene && self.program.integrator == program.integrator;
         let rendering = if same_scene { Vec::new() } else { self.reach.rendering() };

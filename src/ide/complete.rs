@@ -194,7 +194,7 @@ impl<'a> Finder<'a> {
         let main = self.known.module_of(self.known.main);
         if let Some(module) = self.known.module(main).and_then(|m| m.aliases.get(base)) {
             let names = self.known.module(*module).map(|m| &m.names);
-            let seen = names.into_iter().flatten().filter(|(name, _)| !name.starts_with('_'));
+            let seen = names.into_iter().flat_map(|names| names.iter()).filter(|(name, _)| !name.starts_with('_'));
             let mut names: Vec<(&str, DeclId)> = seen.map(|(n, id)| (&**n, *id)).collect();
             names.sort_unstable();
             return names.into_iter().for_each(|(name, id)| self.declaration(self.known, name, id));

@@ -2,11 +2,14 @@
 
 #![deny(missing_docs)]
 
+mod shared;
+
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
 use serde::{Deserialize, Serialize};
+pub use shared::{Shared, SharedMap};
 
 /// Index of a file in a [`SourceMap`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
@@ -51,6 +54,11 @@ impl Span {
 /// Whether a text is not the user's: one of the library, or of `--set`.
 fn is_apart(name: &str, path: Option<&Path>) -> bool {
     name.starts_with("--set ") || path.is_none() && name.starts_with("std/")
+}
+
+/// A name without its folders.
+fn last(name: &str) -> &str {
+    name.rsplit(['/', '\\']).next().unwrap_or_default()
 }
 
 fn clamp_u32(n: usize) -> u32 {
@@ -161,7 +169,9 @@ impl SourceFile {
 #[derive(Clone, Debug, Default)]
 pub struct SourceMap {
     /// Shared by the copies of a program, of which the REPL makes several for every line.
-    files: Arc<Vec<Arc<SourceFile>>>,
+    files: Shared<Arc<SourceFile>>,
+    /// How many of the user's files behind the first one have a name, by its last part; `None` before the first one.
+    named: Option<Arc<HashMap<String, u64>>>,
 }
 
 impl SourceMap {
@@ -189,7 +199,8 @@ impl SourceMap {
         let mut line_starts = vec![0];
         line_starts.extend(text.bytes().enumerate().filter(|(_, b)| *b == b'\n').map(|(i, _)| clamp_u32(i + 1)));
         let id = SourceId(clamp_u32(self.files.len()));
-        Arc::make_mut(&mut self.files).push(Arc::new(SourceFile {
+        self.note_name(&name, path);
+        self.files.push(Arc::new(SourceFile {
             name,
             path: path.map(Path::to_path_buf),
             text,
@@ -206,13 +217,17 @@ impl SourceMap {
         if is_apart(name, path) {
             return key(name);
         }
-        let mut users = self.files.iter().filter(|f| !is_apart(&f.name, f.path.as_deref()));
-        fn last(name: &str) -> &str {
-            name.rsplit(['/', '\\']).next().unwrap_or_default()
+        let named = |named: &Arc<HashMap<String, u64>>| named.get(last(name)).copied().unwrap_or(0);
+        self.named.as_ref().map_or(0, |names| key(last(name)).wrapping_add(named(names)))
+    }
+
+    fn note_name(&mut self, name: &str, path: Option<&Path>) {
+        if is_apart(name, path) {
+            return;
         }
-        match users.next() {
-            None => 0,
-            Some(_) => key(last(name)).wrapping_add(users.filter(|f| last(&f.name) == last(name)).count() as u64),
+        match &mut self.named {
+            None => self.named = Some(Arc::default()),
+            Some(named) => *Arc::make_mut(named).entry(last(name).to_owned()).or_default() += 1,
         }
     }
 

@@ -24,7 +24,6 @@ fn what_params_are_kept_inside_of_is_known_before_a_run() {
     let radiance = "`r` stays 0 or more: it is the `image` of `environment`";
     let roughness = "`r` stays from 0 to 1: it is the `roughness` of `phong`";
     let reflectance = "`r` stays from 0 to 1: it is the `reflectance` of `diffuse`";
-    let root = "`r` stays 0 or more: it is the `x` of `sqrt`";
     let rows = [
         ("r: image = image([[0.5, 0.5]])", "light l = environment(r)".to_owned(), radiance),
         ("r: image = image([[0.5, 0.5]])", "light l = environment(texture(r))".to_owned(), radiance),
@@ -89,7 +88,36 @@ fn what_params_are_kept_inside_of_is_known_before_a_run() {
         ("r = 0.5", shape("diffuse(min(r, 1))"), ""),
         ("r = 0.5", shape("diffuse(r * r)"), ""),
         ("r = 0.5", "let m = r ^ 2".to_owned(), ""),
-        // A condition that asks for the param goes on where it is no bound.
+        // Parts that are counted from the end.
+        ("r = [9, 0.1, 0.2, 0.3]", shape("diffuse(r[-3..])"), reflectance),
+        ("r = [9, 0.1, 0.2, 0.3, 9]", shape("diffuse(r[-4..-1])"), reflectance),
+        ("r = [9, 0.5, 9]", shape("phong(roughness: r[0..2][-1])"), roughness),
+        // Beside the loss.
+        ("r = 0.5", "let x = sqrt(r)".to_owned(), ""),
+        ("r = 0.5 in 0..1", shape("diffuse(r)"), ""),
+        ("r = 0.5 in -0.1..0.7", shape("diffuse(0.2 + r)"), ""),
+        ("r = 0.5 { space: positive }", "let m = sqrt(r)".to_owned(), ""),
+        ("r = 0.5 { frozen: true }", shape("diffuse(r)"), ""),
+    ];
+    assert_told(&rows);
+}
+
+#[track_caller]
+fn assert_told(rows: &[(&str, String, &str)]) {
+    for (param, script, wanted) in rows {
+        let (text, told) = told_of(param, script);
+        match *wanted {
+            "" => assert!(told.is_empty(), "{text}: {told:#?}"),
+            _ => assert!(told.iter().any(|note| note.contains(wanted)), "{text}: {told:#?}"),
+        }
+    }
+}
+
+/// A condition that asks for a param goes on where it is no bound: what is evaluated only under it keeps the param nowhere.
+#[test]
+fn conditions_are_no_bounds() {
+    let root = "`r` stays 0 or more: it is the `x` of `sqrt`";
+    assert_told(&[
         ("r = 0.5", "let m = if r > 0 then sqrt(r) else r ^ 2".to_owned(), ""),
         ("r = [0.5, 2]", "let m = sum([sqrt(x) for x in r if x > 0])".to_owned(), ""),
         ("r = [0.5, 2]", "let m = sum([sqrt(x) for x in r])".to_owned(), root),
@@ -113,24 +141,7 @@ fn what_params_are_kept_inside_of_is_known_before_a_run() {
         ),
         ("r = 0.5", "let s = sqrt(r)\nlet t = s + 1\nlet m = (if r > 0 then t else 0) + s".to_owned(), root),
         ("r = 0.5", "let s = sqrt(r)\nlet m = (if r > 0 then s else 0) + (if r > 1 then s else 0)".to_owned(), ""),
-        // Parts that are counted from the end.
-        ("r = [9, 0.1, 0.2, 0.3]", shape("diffuse(r[-3..])"), reflectance),
-        ("r = [9, 0.1, 0.2, 0.3, 9]", shape("diffuse(r[-4..-1])"), reflectance),
-        ("r = [9, 0.5, 9]", shape("phong(roughness: r[0..2][-1])"), roughness),
-        // Beside the loss.
-        ("r = 0.5", "let x = sqrt(r)".to_owned(), ""),
-        ("r = 0.5 in 0..1", shape("diffuse(r)"), ""),
-        ("r = 0.5 in -0.1..0.7", shape("diffuse(0.2 + r)"), ""),
-        ("r = 0.5 { space: positive }", "let m = sqrt(r)".to_owned(), ""),
-        ("r = 0.5 { frozen: true }", shape("diffuse(r)"), ""),
-    ];
-    for (param, script, wanted) in rows {
-        let (text, told) = told_of(param, &script);
-        match wanted {
-            "" => assert!(told.is_empty(), "{text}: {told:#?}"),
-            _ => assert!(told.iter().any(|note| note.contains(wanted)), "{text}: {told:#?}"),
-        }
-    }
+    ]);
 }
 
 /// A slice is the items that it takes, counted from the start or from the end: all others may go anywhere.

@@ -18,7 +18,7 @@ use serde_json::json;
 use super::args::{Common, ReplArgs};
 use super::living::Living;
 use super::{EXIT_WRONG, Terminal, choose_camera, out};
-use crate::check::hir::{Action, DeclId};
+use crate::check::hir::{Action, DeclId, DeclKind};
 use crate::check::{Line, hir};
 use crate::diag::Diagnostic;
 use crate::eval;
@@ -236,8 +236,13 @@ impl<'w> Repl<'w> {
                 self.can_undo(before, None);
             }
         }
+        let program = self.living.engine.program();
+        let is_loss = |id: &DeclId| matches!(program.decl(*id).kind, DeclKind::Loss);
+        let has_loss = matches!(&line, Line::Statements { declared, .. } if declared.iter().any(is_loss));
         let outcome = self.evaluate(line);
-        self.name_the_loss();
+        if has_loss {
+            self.name_the_loss();
+        }
         outcome
     }
 
