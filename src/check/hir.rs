@@ -22,6 +22,8 @@ pub struct LocalId(pub u32);
 pub struct Program {
     /// The standard library's declarations come first. Replaced declarations (REPL) keep their id.
     pub decls: Shared<Arc<Decl>>,
+    /// Those of them that are params, in their order.
+    pub(super) params: Shared<DeclId>,
     /// In the order of the file. Those of a `sweep` are what each of its runs does.
     pub actions: Vec<Action>,
     /// Those of the file, in its order; what runs actions passes over them.
@@ -70,7 +72,7 @@ impl Program {
 
     /// Params in declaration order.
     pub fn params(&self) -> impl Iterator<Item = DeclId> + '_ {
-        self.ids().filter(|&id| matches!(self.decl(id).kind, DeclKind::Param(_)))
+        self.params.iter().copied()
     }
 
     /// Whether a function of the library compares two pictures, its first two arguments.

@@ -10,7 +10,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use super::hir::{self, Callee, DeclId, DeclKind, Expr, ExprKind, Program};
-use super::modules::{Checker, Instance, Module, ModuleId, PRELUDE, Slot, State};
+use super::modules::{Checker, Instance, Kept, Module, ModuleId, PRELUDE, Slot, State};
 use super::types::Ty;
 use super::{Disk, flow, with_room};
 use crate::diag::{self, Diagnostic};
@@ -258,14 +258,14 @@ impl Checker<'_> {
             self.action_statement(statement);
         }
         self.check_default_scene();
-        self.kept = Some((program.decls.clone(), touched));
+        self.kept = Some(Kept { decls: program.decls.clone(), params: program.params.clone(), touched });
     }
 
     /// The declarations of a line's statements.
     fn line_result(&mut self, line: SourceId) -> Line {
         let of_line = |id: &DeclId| self.slot(*id).statement.span.source == line;
         let declared: Vec<DeclId> = match &self.kept {
-            Some((_, touched)) => touched.iter().copied().filter(of_line).collect(),
+            Some(kept) => kept.touched.iter().copied().filter(of_line).collect(),
             None => (0..self.slots.len()).map(|i| DeclId(i as u32)).filter(of_line).collect(),
         };
         // Actions of lines run once and are not part of the program. (An import declares nothing itself.)

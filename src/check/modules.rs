@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::Loader;
-use super::hir::{self, DeclId, LocalId, Origin, Program};
+use super::hir::{self, DeclId, DeclKind, LocalId, Origin, Program};
 use super::library::{self, LIBRARY};
 use super::lints;
 use super::log::DiagnosticLog;
@@ -100,6 +100,14 @@ pub struct Instance {
     pub value: Option<Const>,
 }
 
+/// The declarations of the program before a line.
+pub struct Kept {
+    pub decls: Shared<Arc<hir::Decl>>,
+    pub params: Shared<DeclId>,
+    /// Those that changed or are new, in their order.
+    pub touched: Vec<DeclId>,
+}
+
 pub struct Checker<'l> {
     pub sources: SourceMap,
     pub loader: &'l (dyn Loader + Sync),
@@ -151,8 +159,8 @@ pub struct Checker<'l> {
     pub has_optimized: bool,
     /// Whether dataflow warnings are off (for lines of the REPL).
     pub quiet: bool,
-    /// The declarations of the previous program, and those that changed or are new, in their order.
-    pub kept: Option<(Shared<Arc<hir::Decl>>, Vec<DeclId>)>,
+    /// What a line goes on from.
+    pub kept: Option<Kept>,
     /// The index for suggesting names, made when it is first needed.
     spelling: HashMap<ModuleId, Names>,
     /// Remaining budget for suggestions.
@@ -257,10 +265,18 @@ impl<'l> Checker<'l> {
             Some(known) => known.clone(),
             None => Arc::new(slot.hir.clone()),
         };
-        let decls = match self.kept.take() {
-            None => self.slots.iter().map(own).collect(),
-            Some((mut decls, touched)) => {
-                for id in touched {
+        let is_param = |decl: &Arc<hir::Decl>| matches!(decl.kind, DeclKind::Param(_));
+        let all_params =
+            |decls: &Shared<Arc<hir::Decl>>| decls.iter().filter(|decl| is_param(decl)).map(|decl| decl.id).collect();
+        let (decls, params) = match self.kept.take() {
+            None => {
+                let decls = self.slots.iter().map(own).collect();
+                let params = all_params(&decls);
+                (decls, params)
+            }
+            Some(Kept { mut decls, mut params, touched }) => {
+                let before = decls.len();
+                for &id in &touched {
                     let new = own(&self.slots[id.0 as usize]);
                     if (id.0 as usize) < decls.len() {
                         decls[id.0 as usize] = new;
@@ -268,11 +284,20 @@ impl<'l> Checker<'l> {
                         decls.push(new);
                     }
                 }
-                decls
+                let is_replaced = touched.iter().any(|id| (id.0 as usize) < before);
+                // A declaration that was replaced may be one no more.
+                if is_replaced {
+                    params = all_params(&decls);
+                } else {
+                    let new = (before..decls.len()).map(|at| &decls[at]).filter(|decl| is_param(decl));
+                    new.for_each(|decl| params.push(decl.id));
+                }
+                (decls, params)
             }
         };
         let mut program = Program {
             decls,
+            params,
             actions: self.actions,
             tests: self.tests,
             sweep: self.sweep,

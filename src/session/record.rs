@@ -327,6 +327,9 @@ mod tests {
             (&read.steps[2].params, &read.found),
             (&vec![("x".to_owned(), x.clone())], &vec![("x".to_owned(), x)])
         );
+        // Who knows where the params are is believed, and reads no checkpoint.
+        let known = vec![("y".to_owned(), Tensor::scalar(3.0))];
+        assert_eq!(Run::read_with(&path, Some(known.clone())).unwrap().found, known);
         assert_eq!(read.optimizations().iter().map(|steps| steps.len()).collect::<Vec<_>>(), [2, 1]);
         assert_eq!(
             (read.loss_after(0), read.loss_after(1), read.loss_after(2)),

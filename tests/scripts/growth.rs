@@ -427,6 +427,23 @@ fn a_line_checks_nothing_that_it_does_not_touch() {
     assert_eq!(numbers(&mut engine, "a999"), Ok(vec![7.0]));
 }
 
+/// Params are known as such however they came about: by a line, instead of another declaration, and no more when that is replaced.
+#[test]
+fn lines_make_params_and_unmake_them() {
+    let mut program = program("let a = 1\nparam b = 2\nlet c = a + b\n");
+    for (line, wanted) in [
+        ("let d = 4", "b"),
+        ("param e = 5", "b e"),
+        ("param a = 7", "a b e"),
+        ("let b = 8", "a e"),
+        ("loss l = a + e", "a e"),
+    ] {
+        typed(&mut program, line).unwrap();
+        let params: Vec<&str> = program.params().map(|id| program.decl(id).name.as_str()).collect();
+        assert_eq!(params.join(" "), wanted, "{line}");
+    }
+}
+
 #[test]
 fn the_first_line_after_a_file_checks_nothing_of_it_again() {
     let text = "param p = 2\nlet a = p + 1\nfn f(x, k = a) = x * k\nloss l = f(3) ^ 2\nprint a\nprint l\n";
