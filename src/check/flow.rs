@@ -20,14 +20,6 @@ fn is_param(program: &Program, id: DeclId) -> bool {
     matches!(program.decl(id).kind, DeclKind::Param(_))
 }
 
-/// The params that reach a declaration.
-pub fn reaching_params_of(program: &Program, decl: DeclId) -> Vec<DeclId> {
-    match &program.decl(decl).body {
-        Some(body) => reaching_params(program, body),
-        None => Vec::new(),
-    }
-}
-
 /// Warnings about a program without errors. Also reports the one kind of cycle that is found only here: a part of the scene that renders
 /// the scene.
 pub fn check(program: &Program, quiet: bool) -> Vec<Diagnostic> {

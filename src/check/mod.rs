@@ -3,7 +3,7 @@
 //! Types are inferred by running the program on types: every declaration is checked when it is first needed, and the
 //! body of a function once for each combination of argument types.
 
-pub mod actions;
+pub(crate) mod actions;
 mod apply;
 mod arguments;
 mod arith;
@@ -32,19 +32,19 @@ mod modules;
 mod near;
 mod operands;
 mod other_files;
-pub mod params;
+pub(crate) mod params;
 mod paths;
-pub mod plot;
+pub(crate) mod plot;
 mod record;
 mod results;
 mod schedules;
 mod shapes;
 mod signature;
-pub mod stages;
+pub(crate) mod stages;
 mod sweep;
 mod targets;
 mod test;
-pub mod text;
+pub(crate) mod text;
 mod trial;
 pub mod types;
 mod understanding;
@@ -56,20 +56,24 @@ use std::sync::Arc;
 use crate::diag::{self, Diagnostic};
 use crate::source::{SourceId, SourceMap};
 
-pub use domains::{Reached, domain_of_field, domains, kept_inside};
-pub use fields::{field_type, fields_of, type_of};
-pub use flow::{children, reaching_params, reaching_params_of, walk};
-pub use known::READERS;
-pub use library::{library_modules, library_text};
+pub use domains::kept_inside;
+pub(crate) use domains::{Reached, domain_of_field, domains};
+pub(crate) use fields::{field_type, fields_of, type_of};
+pub(crate) use flow::{children, walk};
+pub(crate) use known::READERS;
+pub(crate) use library::{library_modules, library_text};
 use lines::Known;
-pub use lines::{LINE, Line, check_expression, check_given, check_line};
-pub use lints::{
-    FACING_AWAY, INSIDE_OUT, LINTS, MISSING_CAUSTIC, NO_BOUNDARY, OPEN_BODY, is_allowed, without_boundary,
+pub(crate) use lines::check_given;
+pub use lines::{LINE, Line, check_expression, check_line};
+pub use lints::LINTS;
+pub(crate) use lints::{
+    FACING_AWAY, INSIDE_OUT, MISSING_CAUSTIC, NO_BOUNDARY, OPEN_BODY, is_allowed, without_boundary,
 };
 use modules::Checker;
-pub use modules::{ModuleId, PRELUDE, is_private, normal};
+pub use modules::ModuleId;
+pub(crate) use modules::{PRELUDE, is_private, normal};
 pub use signature::TYPE_NAMES;
-pub use sweep::SEED;
+pub(crate) use sweep::SEED;
 pub use understanding::{Understanding, understand};
 
 /// The outside world as the checker sees it.

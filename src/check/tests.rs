@@ -43,6 +43,11 @@ fn program(text: &str) -> hir::Program {
     checked.program.expect("a program without errors")
 }
 
+/// The params that reach a declaration.
+fn reaching_params_of(program: &hir::Program, decl: hir::DeclId) -> Vec<hir::DeclId> {
+    program.decl(decl).body.as_ref().map_or_else(Vec::new, |body| flow::reaching_params(program, body))
+}
+
 fn ty(program: &hir::Program, name: &str) -> String {
     program.decl(program.find(name).expect("declared")).ty.to_string()
 }

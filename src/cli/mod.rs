@@ -1,6 +1,6 @@
 //! The command line.
 
-pub mod args;
+mod args;
 mod bars;
 mod book;
 mod check;
@@ -21,7 +21,7 @@ mod living;
 mod load;
 pub mod lsp;
 mod new;
-pub mod out;
+mod out;
 mod render;
 mod repl;
 mod report;
@@ -44,17 +44,17 @@ use crate::session::World;
 use crate::source::SourceMap;
 use args::{Cli, Command, Common, Machine, Output};
 
-pub use load::{Loaded, check_file, check_file_by, check_file_for_lines, engine_options, load, load_stopped_by};
-pub use render::{cameras, choose_camera};
+use load::{Loaded, check_file, check_file_by, check_file_for_lines, engine_options, load, load_stopped_by};
+use render::{cameras, choose_camera};
 pub use together::tell_lost;
-pub use world::Terminal;
+use world::Terminal;
 
 /// The script is wrong, or an `expect` failed.
-pub const EXIT_WRONG: u8 = 1;
+pub(crate) const EXIT_WRONG: u8 = 1;
 /// Bad usage.
-pub const EXIT_USAGE: u8 = 2;
+pub(crate) const EXIT_USAGE: u8 = 2;
 /// Ended by Ctrl-C.
-pub const EXIT_INTERRUPTED: u8 = crate::session::world::EXIT_INTERRUPTED;
+pub(crate) const EXIT_INTERRUPTED: u8 = crate::session::world::EXIT_INTERRUPTED;
 
 /// The program that a command line belongs to: `dsl`, unless it says more.
 #[derive(Default)]

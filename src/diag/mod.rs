@@ -1,13 +1,13 @@
 //! Diagnostics: what is wrong, where, why, and what to write instead. One shape for errors of scripts, of files
 //! and of runs; shown in a terminal ([`render`]), as JSON ([`to_json`]) and by an editor.
 
-pub mod advice;
+pub(crate) mod advice;
 pub mod explain;
 mod render;
 mod suggest;
 
 pub use render::{RenderOptions, render, render_all, to_json, to_line};
-pub use suggest::{Names, did_you_mean, suggest};
+pub(crate) use suggest::{Names, did_you_mean, suggest};
 
 use crate::source::Span;
 

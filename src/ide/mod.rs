@@ -1,22 +1,22 @@
 //! What an editor wants to know about a script, as plain data: names, types, documentation, completions, fixes. The language server, the
 //! REPL and the command line ask the same [`Analysis`]; nothing here knows of a protocol or of a terminal. Places are bytes.
 
-pub mod colors;
+pub(crate) mod colors;
 pub mod complete;
-pub mod context;
-pub mod describe;
-pub mod files;
+pub(crate) mod context;
+pub(crate) mod describe;
+pub(crate) mod files;
 pub mod fixes;
-pub mod hints;
+pub(crate) mod hints;
 pub mod hover;
-pub mod lenses;
-pub mod lexical;
+pub(crate) mod lenses;
+pub(crate) mod lexical;
 pub mod library;
 mod locals;
-pub mod names;
-pub mod references;
-pub mod settings;
-pub mod signature;
+pub(crate) mod names;
+pub(crate) mod references;
+pub(crate) mod settings;
+pub(crate) mod signature;
 pub mod structure;
 pub mod tokens;
 mod wanted;

@@ -8,9 +8,10 @@ mod table;
 
 use serde_json::Value;
 
-pub use comparison::{Comparison, comparison};
-pub use run::{LONGEST_SCRIPT, report};
-pub use table::text_table;
+pub(crate) use comparison::{Comparison, comparison};
+pub(crate) use run::LONGEST_SCRIPT;
+pub use run::report;
+pub(crate) use table::text_table;
 
 /// A page: the data in JSON, and the scripts that draw them.
 fn page(title: &str, data: &Value, scripts: &[&str]) -> String {

@@ -30,7 +30,6 @@ const REHEARSED: u64 = 3;
 /// What an action will take.
 #[derive(Clone, Debug)]
 pub struct Estimate {
-    pub place: Span,
     /// The line on which it begins, and its text.
     pub line: usize,
     pub text: String,
@@ -103,7 +102,7 @@ impl Rehearser<'_> {
             renderings: self.rehearsal.renderings().split_off(known),
             ..cost
         });
-        Estimate { place, line, text, cost }
+        Estimate { line, text, cost }
     }
 
     fn optimize(&mut self, optimize: &Optimize) -> Result<Cost, Diagnostic> {

@@ -8,7 +8,7 @@ mod grammar;
 mod habits;
 mod literal;
 mod scan;
-pub mod snippet;
+pub(crate) mod snippet;
 
 pub use format::format;
 pub use scan::{KINDS, declared_name, is_blank, is_incomplete, is_reserved, statement_words};

@@ -18,12 +18,12 @@
 
 pub mod environment;
 pub mod estimate;
-pub mod layers;
-pub mod local;
+mod layers;
+mod local;
 pub mod mirrors;
-pub mod modes;
-pub mod path;
-pub mod rows;
+mod modes;
+mod path;
+mod rows;
 pub mod sampling;
 pub mod sink;
 pub mod terms;

@@ -40,7 +40,7 @@ const EXIT_UNASKED: u8 = 1;
 /// Where messages go, each as a whole, from whichever thread.
 type Output = Arc<dyn Fn(&Value) + Send + Sync>;
 
-pub fn run() -> u8 {
+pub(crate) fn run() -> u8 {
     let (sender, receiver) = channel();
     let reader = std::thread::Builder::new().name("reader".to_owned()).spawn(move || {
         let mut input = BufReader::new(io::stdin().lock());
@@ -91,7 +91,7 @@ enum Phase {
     ShutDown,
 }
 
-pub struct Server {
+pub(crate) struct Server {
     receiver: Receiver<Incoming>,
     output: Output,
     /// Whether `dscene.run` and its like are carried out.

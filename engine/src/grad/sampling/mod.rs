@@ -1,9 +1,9 @@
 //! Where samples go: how many each term draws, on which pixels and edges, and what pilots learn for them.
 
 pub mod allocate;
-pub mod chains;
-pub mod contrast;
+pub(super) mod chains;
+pub(super) mod contrast;
 pub mod edge_tree;
 pub mod guide;
-pub mod jumps;
-pub mod pixels;
+pub(super) mod jumps;
+pub(super) mod pixels;

@@ -1,14 +1,14 @@
 //! The terms of a derivative: selects the estimators for the requested slots, decides how many samples each draws, and draws them in a
 //! fixed order.
 
-pub mod caustic_edges;
-pub mod caustics;
+pub(super) mod caustic_edges;
+pub(super) mod caustics;
 pub mod interior;
 pub mod primary;
 pub mod reflections;
-pub mod roughness;
+pub(super) mod roughness;
 pub mod secondary;
-pub mod seen_through;
+pub(super) mod seen_through;
 pub mod shadow;
 
 use std::sync::atomic::AtomicBool;

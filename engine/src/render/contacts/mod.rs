@@ -3,4 +3,3 @@
 mod build;
 pub mod table;
 
-pub use table::Contacts;

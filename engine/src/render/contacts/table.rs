@@ -26,11 +26,6 @@ impl Contacts {
     pub fn contains(&self, receiver: PrimId, emitter: PrimId) -> bool {
         self.pairs.contains(&(receiver, patch_of(&self.patches, emitter)))
     }
-
-    /// Whether any of the emitters touches a receiver.
-    pub fn touches(&self, receiver: PrimId, emitters: impl IntoIterator<Item = PrimId>) -> bool {
-        !self.is_empty() && emitters.into_iter().any(|e| self.contains(receiver, e))
-    }
 }
 
 pub(super) fn patch_of(patches: &HashMap<PrimId, PrimId>, prim: PrimId) -> PrimId {

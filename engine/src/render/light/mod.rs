@@ -3,4 +3,4 @@
 mod choice;
 pub mod table;
 
-pub use table::{Arrival, Falloff, LightKind, LightSample, LightTable};
+pub use table::{Arrival, LightKind, LightSample};

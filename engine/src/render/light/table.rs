@@ -325,12 +325,6 @@ impl LightTable {
         self.area_pdf[prim as usize]
     }
 
-    /// Probability of choosing the environment.
-    #[inline]
-    pub fn environment_pmf(&self) -> f32 {
-        self.environment_pmf
-    }
-
     /// The probability with which a path takes its last bounce at a diffuse surface: 0 if no ray can find a light, 1 if there is an
     /// environment.
     #[inline]

@@ -6,7 +6,7 @@
 //! is found by a ray that skips the edge's own faces.
 
 mod lens;
-pub mod pieces;
+pub(in crate::grad) mod pieces;
 
 use glam::{Vec2, Vec3};
 
