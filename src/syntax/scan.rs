@@ -45,6 +45,7 @@ pub struct Scan {
     pub diagnostics: Vec<Diagnostic>,
 }
 
+/// Whether a word is one of the language, which nothing can be called by.
 pub fn is_reserved(word: &str) -> bool {
     RESERVED.contains(&word)
 }
@@ -54,6 +55,7 @@ pub fn declares(word: &str) -> bool {
     KINDS.contains(&word) || matches!(word, "let" | "param" | "fn")
 }
 
+/// The words with which statements begin.
 pub fn statement_words() -> impl Iterator<Item = &'static str> + Clone {
     STATEMENTS.into_iter().chain(KINDS).chain(["test"])
 }
