@@ -258,7 +258,7 @@ impl Checker<'_> {
                 );
             }
             let actions = every.actions.iter().map(|a| self.action(a)).collect();
-            out.every.push(hir::Every { steps: steps.expr, actions, span: every.span });
+            out.every.push(hir::Every { steps: steps.expr, actions });
         }
         if self.error_count() == errors {
             self.check_schedules(o);

@@ -319,15 +319,9 @@ impl Checker<'_> {
                         .help("write `fn NAME(…) = EXPR`"),
                 );
             }
-            let params = f.params.iter().zip(&signature.params);
-            let params = params
-                .map(|(p, s)| hir::NativeParam {
-                    name: s.name.clone(),
-                    takes: s.sig.clone(),
-                    domain: s.domain,
-                    optional: p.default.is_some(),
-                })
-                .collect();
+            let param =
+                |p: &SigParam| hir::NativeParam { name: p.name.clone(), takes: p.sig.clone(), domain: p.domain };
+            let params = signature.params.iter().map(param).collect();
             let native = hir::NativeDecl { name: f.name.text.clone(), params };
             let slot = self.slot_mut(id);
             slot.value = Some(Const::Function(Arc::new(Function::Declared(id))));
@@ -360,7 +354,7 @@ impl Checker<'_> {
             let spread = matches!(declared.sig, Sig::Color).then(|| vec![3]);
             let (name, takes) = (param.name.text.clone(), declared.sig.clone());
             let domain = declared.domain;
-            params.push(hir::FnParam { name, local, span: param.name.span, takes, domain, spread, default });
+            params.push(hir::FnParam { name, local, takes, domain, spread, default });
         }
         let mut typed = self.expr(body, signature.result.as_ref());
         let mut result_ty = typed.expr.ty.clone();

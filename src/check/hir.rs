@@ -30,6 +30,7 @@ pub struct Program {
     pub tests: Vec<Test>,
     /// The values under which the actions are to be run, each combination on its own.
     pub sweep: Option<Sweep>,
+    /// The texts to which the places of this program refer, the library's among them.
     pub sources: SourceMap,
     /// What `shape`, `light` and `medium` statements declared, in source order: the scene of a `render` without `scene`.
     pub default_scene: Vec<DeclId>,
@@ -46,6 +47,7 @@ pub struct Program {
 /// The texts of a program.
 #[derive(Clone, Debug, Default)]
 pub struct Origin {
+    /// The script itself; there is none before anything was checked.
     pub main: Option<crate::source::SourceId>,
     /// `--set NAME=EXPR`: the name and the source of the expression.
     pub overrides: Vec<(String, crate::source::SourceId)>,
@@ -56,6 +58,7 @@ pub struct Origin {
 }
 
 impl Program {
+    /// The declaration of an id, which must be this program's.
     pub fn decl(&self, id: DeclId) -> &Decl {
         &self.decls[id.0 as usize]
     }
@@ -66,6 +69,7 @@ impl Program {
         found(true).or_else(|| found(false))
     }
 
+    /// The ids of all declarations, in their order.
     pub fn ids(&self) -> impl Iterator<Item = DeclId> + use<> {
         (0..u32::try_from(self.decls.len()).unwrap_or(u32::MAX)).map(DeclId)
     }
@@ -107,16 +111,22 @@ impl Program {
     }
 }
 
+/// A declaration, with its type and, where it has a value, the expression of that.
 #[derive(Clone, Debug)]
 pub struct Decl {
+    /// Its own index.
     pub id: DeclId,
+    /// The declared name.
     pub name: String,
+    /// What is declared.
     pub kind: DeclKind,
     /// The `///` lines above it.
     pub doc: String,
     /// The whole statement.
     pub span: Span,
+    /// The name within it.
     pub name_span: Span,
+    /// The type of its value: that of a param includes the shape, that of a function says what it takes.
     pub ty: Ty,
     /// `None` for functions (see [`DeclKind`]).
     pub body: Option<Arc<Expr>>,
@@ -124,27 +134,34 @@ pub struct Decl {
     pub user: bool,
 }
 
+/// What a declaration is. All but functions have a body: the value, of a param the initial one.
 #[derive(Clone, Debug)]
 pub enum DeclKind {
+    /// `let NAME = VALUE`.
     Let,
+    /// `param NAME = VALUE`.
     Param(Box<ParamDecl>),
     /// A `let` by another word: `camera`, `shape`, `light`, … (the word).
     Kind(&'static str),
+    /// `loss NAME = VALUE`: a scalar.
     Loss,
+    /// A function written in the language.
     Fn(Arc<FnDecl>),
+    /// A function of the library that Rust implements.
     Native(Arc<NativeDecl>),
 }
 
+/// What is written of a param beside its initial value.
 #[derive(Clone, Debug, Default)]
 pub struct ParamDecl {
     /// A distribution.
-    pub prior: Option<Expr>,
-    pub bounds: Option<Bounds>,
-    pub lr: Option<Expr>,
-    pub scale: Option<Expr>,
-    pub space: Option<ParamSpace>,
-    pub precondition: Option<Expr>,
-    pub frozen: Option<Expr>,
+    pub(crate) prior: Option<Expr>,
+    pub(crate) bounds: Option<Bounds>,
+    pub(crate) lr: Option<Expr>,
+    pub(crate) scale: Option<Expr>,
+    pub(crate) space: Option<ParamSpace>,
+    pub(crate) precondition: Option<Expr>,
+    pub(crate) frozen: Option<Expr>,
 }
 
 impl ParamDecl {
@@ -159,8 +176,8 @@ impl ParamDecl {
 /// An end that is missing leaves that side open.
 #[derive(Clone, Debug)]
 pub struct Bounds {
-    pub low: Option<Expr>,
-    pub high: Option<Expr>,
+    pub(crate) low: Option<Expr>,
+    pub(crate) high: Option<Expr>,
 }
 
 /// The `space` of a param: coordinates in which it is optimised other than its numbers themselves.
@@ -175,7 +192,7 @@ pub enum ParamSpace {
 }
 
 impl ParamSpace {
-    pub const ALL: [ParamSpace; 3] = [ParamSpace::Interior, ParamSpace::Positive, ParamSpace::Unit];
+    pub(crate) const ALL: [ParamSpace; 3] = [ParamSpace::Interior, ParamSpace::Positive, ParamSpace::Unit];
 
     /// As it is written after `space:`.
     pub fn word(self) -> &'static str {
@@ -187,138 +204,195 @@ impl ParamSpace {
     }
 }
 
+/// A function written in the language.
 #[derive(Clone, Debug)]
 pub struct FnDecl {
-    pub params: Vec<FnParam>,
-    pub body: Expr,
+    pub(crate) params: Vec<FnParam>,
+    pub(crate) body: Expr,
 }
 
+/// A parameter of such a function.
 #[derive(Clone, Debug)]
 pub struct FnParam {
-    pub name: String,
-    pub local: LocalId,
-    pub span: Span,
+    pub(crate) name: String,
+    pub(crate) local: LocalId,
     /// As declared, or anything.
-    pub takes: Sig,
+    pub(crate) takes: Sig,
     /// As declared: `in 0..1`.
-    pub domain: Option<Domain>,
+    pub(crate) domain: Option<Domain>,
     /// The shape to which a number is spread, such as three channels for a `color`.
-    pub spread: Option<Vec<usize>>,
+    pub(crate) spread: Option<Vec<usize>>,
     /// Evaluated in the callee's environment (earlier parameters are visible) when the argument is missing.
-    pub default: Option<Expr>,
+    pub(crate) default: Option<Expr>,
 }
 
+/// A function that Rust implements.
 #[derive(Clone, Debug)]
 pub struct NativeDecl {
     /// The name under which Rust implements it: the declared name.
-    pub name: String,
-    pub params: Vec<NativeParam>,
+    pub(crate) name: String,
+    pub(crate) params: Vec<NativeParam>,
 }
 
+/// A parameter of such a function.
 #[derive(Clone, Debug)]
 pub struct NativeParam {
-    pub name: String,
+    pub(crate) name: String,
     /// As declared: `color | texture`.
-    pub takes: Sig,
+    pub(crate) takes: Sig,
     /// As declared: `in 0..1`.
-    pub domain: Option<Domain>,
-    /// May be left out; the argument is then [`Call::args`]' `None` (declared `= none`) or the default's expression.
-    pub optional: bool,
+    pub(crate) domain: Option<Domain>,
 }
 
+/// An expression with its type. Pipes have become calls, imported names and fields of modules the declarations that they mean.
 #[derive(Clone, Debug)]
 pub struct Expr {
+    /// What it does.
     pub kind: ExprKind,
+    /// Where it is written. What the checker has added has the place of what it was added to.
     pub span: Span,
+    /// The type of its value.
     pub ty: Ty,
 }
 
+/// What an expression does, once all names are resolved.
 #[derive(Clone, Debug)]
 pub enum ExprKind {
     /// A number, percentage or component of a colour.
     Number(f64),
     /// An angle in radians.
     Angle(f64),
+    /// `true`, `false`.
     Bool(bool),
     /// Interpolated string; enum words (`kind: orthographic`) are plain strings too.
     Str(Vec<StrPart>),
+    /// `[a, b, c]`; its type says whether it is a tensor or an array of things.
     Array(Vec<Expr>),
+    /// `base[index]`; a negative index counts from the end.
     Index {
+        /// An array, a tuple or numbers with at least one axis.
         base: Box<Expr>,
+        /// A whole number.
         index: Box<Expr>,
     },
     /// `x[a..b]`; either end may be missing and negative ones count from the end.
     Slice {
+        /// An array, or numbers with at least one axis.
         base: Box<Expr>,
+        /// The first index that belongs to it.
         start: Option<Box<Expr>>,
+        /// Where it ends.
         end: Option<Box<Expr>>,
+        /// Whether the end belongs to it: `..=`.
         inclusive: bool,
     },
     /// A field (`mesh.vertices`, `img.width`) or swizzle (`v.x`, `v.yz`, `c.rgb`); `base.ty` tells which.
     Field {
+        /// The value that has the field.
         base: Box<Expr>,
+        /// The field's name, or the letters of the components.
         name: String,
     },
+    /// `-operand`, `not operand`.
     Unary {
+        /// The operator.
         op: UnaryOp,
+        /// What it is applied to.
         operand: Box<Expr>,
     },
+    /// An operator between two operands, whose shapes are broadcast to one another.
     Binary {
+        /// The operator.
         op: BinaryOp,
+        /// What stands before it.
         left: Box<Expr>,
+        /// What stands behind it.
         right: Box<Expr>,
     },
     /// `left ≈ right within tolerance`: a percentage is relative to the larger magnitude.
     Near {
+        /// What stands before the `≈`.
         left: Box<Expr>,
+        /// What stands behind it.
         right: Box<Expr>,
+        /// How far they may be apart.
         tolerance: Box<Expr>,
+        /// Whether the tolerance is a percentage, here as a fraction.
         relative: bool,
     },
+    /// `{ albedo: red, gloss: 0.5 }`: values under names, in the order in which they are written.
     Record(Vec<(String, Expr)>),
+    /// A call, with its arguments matched to the parameters.
     Call(Box<Call>),
+    /// `x => body`.
     Lambda(Arc<Lambda>),
+    /// `if condition then … else …`, of which one side is evaluated.
     If {
+        /// A bool.
         condition: Box<Expr>,
+        /// The value where it is true.
         then: Box<Expr>,
+        /// The value where it is false.
         otherwise: Box<Expr>,
     },
     /// `[element for a, b in items if condition]`; several `for`s nest left to right.
     Comprehension(Box<Comprehension>),
+    /// `body with { … }`: the body where some declarations or fields are replaced.
     With {
+        /// What is evaluated.
         body: Box<Expr>,
+        /// What is replaced meanwhile, in this expression and all that it depends on.
         replacements: Vec<Replacement>,
     },
+    /// `start..end`: numbers that are 1 apart.
     Range {
+        /// The first of them.
         start: Box<Expr>,
+        /// Where it ends.
         end: Box<Expr>,
+        /// Whether the end belongs to it: `..=`.
         inclusive: bool,
     },
+    /// The value of a parameter, a loop's variable or a `let` of a block.
     Local(LocalId),
     /// A declaration's value; a function's name gives a function value.
     Decl(DeclId),
     /// `let a = value` in a function's block.
     Let {
+        /// What the body calls the value.
         local: LocalId,
+        /// Evaluated once, before the body.
         value: Box<Expr>,
+        /// The value of the whole.
         body: Box<Expr>,
     },
+    /// `step`, `progress`, `loss`.
     Builtin(Builtin),
     /// What a [`DerivativeKind`] says: `of` is not evaluated first.
     Derivative(Box<Derivative>),
     /// A number made a vector or colour, a `[h][w][c]` array an image: `shape` is the wanted shape, as the annotation says.
     Broadcast {
+        /// What has fewer axes, or other ones.
         value: Box<Expr>,
+        /// The axes that it is to have.
         shape: Vec<usize>,
     },
     /// Stands for a reported error; never in a program that is evaluated.
     Error,
 }
 
+/// A piece of a text.
 #[derive(Clone, Debug)]
 pub enum StrPart {
+    /// What stands there as it is.
     Text(String),
-    Value { value: Expr, format: Option<StrFormat> },
+    /// `{value:format}`.
+    Value {
+        /// What is shown there.
+        value: Expr,
+        /// How it is shown, where that is written.
+        format: Option<StrFormat>,
+    },
 }
 
 /// Names that change while an `optimize` runs.
@@ -332,8 +406,10 @@ pub enum Builtin {
     Loss,
 }
 
+/// A call. Each argument has found its parameter, by place or by name.
 #[derive(Clone, Debug)]
 pub struct Call {
+    /// What is called.
     pub callee: Callee,
     /// In parameter order. Natives: a missing argument holds its default's expression, or `None` where the
     /// declaration says `= none`. Functions of the language: `None` where the argument is missing (evaluate the
@@ -343,55 +419,69 @@ pub struct Call {
     pub given: Vec<bool>,
 }
 
+/// What a call calls.
 #[derive(Clone, Debug)]
 pub enum Callee {
     /// The declaration is a [`DeclKind::Native`].
     Native(DeclId),
     /// The declaration is a [`DeclKind::Fn`].
     Decl(DeclId),
+    /// The value of an expression: a function that was given to a parameter, or a lambda.
     Value(Expr),
 }
 
+/// A function without a name.
 #[derive(Clone, Debug)]
 pub struct Lambda {
-    pub params: Vec<LocalId>,
-    pub body: Expr,
+    pub(crate) params: Vec<LocalId>,
+    pub(crate) body: Expr,
 }
 
+/// A list that is made item by item.
 #[derive(Clone, Debug)]
 pub struct Comprehension {
-    pub element: Expr,
-    pub clauses: Vec<ForClause>,
+    pub(crate) element: Expr,
+    pub(crate) clauses: Vec<ForClause>,
 }
 
+/// `for a, b in items if condition`.
 #[derive(Clone, Debug)]
 pub struct ForClause {
     /// One name takes the item; several take the parts of an item that is itself an array (`zip`).
-    pub locals: Vec<LocalId>,
-    pub items: Expr,
-    pub condition: Option<Expr>,
+    pub(crate) locals: Vec<LocalId>,
+    pub(crate) items: Expr,
+    pub(crate) condition: Option<Expr>,
 }
 
 /// A declaration, or a numeric field of a declaration's value (`lamp.radiance`).
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Target {
+    /// The declaration.
     pub decl: DeclId,
+    /// The way from its value to the field, name by name or `[index]`; empty if it is the declaration itself.
     pub path: Vec<String>,
 }
 
+/// What a `with` replaces.
 #[derive(Clone, Debug)]
 pub struct Replacement {
-    pub target: Target,
-    pub span: Span,
-    pub value: Expr,
+    pub(crate) target: Target,
+    pub(crate) span: Span,
+    pub(crate) value: Expr,
 }
 
+/// The functions that ask for derivatives or for repetitions, and do not take their first argument as a value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum DerivativeKind {
+    /// The gradient of a scalar, in reverse mode.
     Grad,
+    /// The derivative of anything along a direction, in forward mode.
     Jvp,
+    /// All derivatives of several numbers.
     Jacobian,
+    /// A quotient of central differences.
     FiniteDifference,
+    /// Mean and standard error over independent seeds.
     Estimate,
 }
 
@@ -405,7 +495,7 @@ impl DerivativeKind {
         ("estimate", DerivativeKind::Estimate),
     ];
 
-    pub fn named(name: &str) -> Option<DerivativeKind> {
+    pub(crate) fn named(name: &str) -> Option<DerivativeKind> {
         Self::ALL.iter().find(|(n, _)| *n == name).map(|(_, kind)| *kind)
     }
 }
@@ -416,14 +506,23 @@ pub const FILE_SCENE: &str = "_file_scene";
 /// The output of a native that renders.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Rendering {
+    /// The radiance that arrives, linear RGB.
     Radiance,
+    /// The distance along the view direction to what is first hit; 0 where there is nothing.
     Depth,
+    /// The share of a pixel that shows anything.
     Alpha,
+    /// Where what is first hit lies in the world.
     Position,
+    /// Its shading normal.
     Normal,
+    /// The normal of its triangle.
     GeometricNormal,
+    /// The share of light that its material reflects.
     Albedo,
+    /// Its texture coordinates.
     Uv,
+    /// The number of its shape, from 1 in the order of the scene; 0 where there is none.
     ShapeIndex,
 }
 
@@ -441,23 +540,25 @@ impl Rendering {
         ("shape_index", Rendering::ShapeIndex, 1),
     ];
 
-    pub fn named(name: &str) -> Option<Rendering> {
+    pub(crate) fn named(name: &str) -> Option<Rendering> {
         Self::ALL.iter().find(|(n, ..)| *n == name).map(|(_, rendering, _)| *rendering)
     }
 
+    /// How many channels its images have.
     pub fn channels(self) -> usize {
         Self::ALL.iter().find(|(_, rendering, _)| *rendering == self).map_or(3, |(.., channels)| *channels)
     }
 }
 
+/// A derivative, or an estimate, of an expression.
 #[derive(Clone, Debug)]
 pub struct Derivative {
-    pub kind: DerivativeKind,
-    pub of: Expr,
+    pub(crate) kind: DerivativeKind,
+    pub(crate) of: Expr,
     /// Empty for `estimate`, and for `grad(loss)` without params: all that reach `of`. Several for `grad` and `jacobian` only.
-    pub wrt: Vec<(Target, Span)>,
+    pub(crate) wrt: Vec<(Target, Span)>,
     /// `direction` of `jvp`, `step` of `fd`, `repeats` of `estimate`.
-    pub argument: Option<Expr>,
+    pub(crate) argument: Option<Expr>,
 }
 
 impl Derivative {
@@ -467,33 +568,49 @@ impl Derivative {
     }
 }
 
+/// What is done when a program is run. Expressions are evaluated with the params as the actions before have left them.
 #[derive(Clone, Debug)]
 pub enum Action {
+    /// `optimize LOSS { … }`: moves params.
     Optimize(Box<Optimize>),
+    /// `save VALUE to PATH`.
     Save {
+        /// What is written.
         value: Expr,
+        /// A text: the path of the file, whose ending says the format.
         path: Expr,
+        /// The whole action.
         span: Span,
     },
+    /// `print VALUE, VALUE`.
     Print {
+        /// What is shown, side by side.
         values: Vec<Expr>,
+        /// The whole action.
         span: Span,
     },
+    /// `plot VALUE over VALUE to PATH { … }`.
     Plot(Box<Plot>),
     /// `why`: a text that is evaluated if the condition does not hold.
     Expect {
+        /// A bool.
         condition: Expr,
+        /// A text.
         why: Option<Expr>,
+        /// The whole action.
         span: Span,
     },
+    /// `report { … }`: what a sweep compares its runs by.
     Report {
+        /// The columns of its table.
         columns: Vec<Column>,
+        /// The whole action.
         span: Span,
     },
 }
 
 impl Action {
-    pub fn span(&self) -> Span {
+    pub(crate) fn span(&self) -> Span {
         match self {
             Action::Optimize(o) => o.span,
             Action::Plot(plot) => plot.span,
@@ -522,27 +639,34 @@ impl Action {
 /// `test "name" { let … expect … }`
 #[derive(Clone, Debug)]
 pub struct Test {
-    pub name: String,
-    pub name_span: Span,
-    pub steps: Vec<TestStep>,
+    pub(crate) name: String,
+    pub(crate) name_span: Span,
+    pub(crate) steps: Vec<TestStep>,
 }
 
+/// A step of a test.
 #[derive(Clone, Debug)]
 pub enum TestStep {
     /// Seen by the steps behind it.
     Let {
+        /// What the steps behind it call the value.
         local: LocalId,
+        /// The value.
         value: Expr,
     },
+    /// What must hold there.
     Expect {
+        /// A bool.
         condition: Expr,
+        /// A text that is evaluated if the condition does not hold.
         why: Option<Expr>,
+        /// The whole step.
         span: Span,
     },
 }
 
 impl TestStep {
-    pub fn parts(&self) -> impl Iterator<Item = &Expr> {
+    pub(crate) fn parts(&self) -> impl Iterator<Item = &Expr> {
         let (first, second) = match self {
             TestStep::Let { value, .. } => (value, None),
             TestStep::Expect { condition, why, .. } => (condition, why.as_ref()),
@@ -554,17 +678,17 @@ impl TestStep {
 /// Curves: on the terminal, or in a file.
 #[derive(Clone, Debug)]
 pub struct Plot {
-    pub values: Vec<Expr>,
+    pub(crate) values: Vec<Expr>,
     /// Where the values are along the x axis; else they are numbered, or shown over the steps of an optimisation.
-    pub over: Option<Expr>,
-    pub path: Option<Expr>,
+    pub(crate) over: Option<Expr>,
+    pub(crate) path: Option<Expr>,
     /// Those of [`super::plot::SETTINGS`].
-    pub settings: Vec<(String, Expr)>,
-    pub span: Span,
+    pub(crate) settings: Vec<(String, Expr)>,
+    pub(crate) span: Span,
 }
 
 impl Plot {
-    pub fn setting(&self, name: &str) -> Option<&Expr> {
+    pub(crate) fn setting(&self, name: &str) -> Option<&Expr> {
         self.settings.iter().find(|(n, _)| n == name).map(|(_, e)| e)
     }
 
@@ -577,29 +701,30 @@ impl Plot {
 /// A column of a sweep's table.
 #[derive(Clone, Debug)]
 pub struct Column {
-    pub name: String,
-    pub span: Span,
+    pub(crate) name: String,
+    pub(crate) span: Span,
     /// `None`: the seconds that the run took.
-    pub value: Option<Expr>,
+    pub(crate) value: Option<Expr>,
     /// `maximize(…)`: the largest value is the best one, and not the smallest.
-    pub maximized: bool,
+    pub(crate) maximized: bool,
 }
 
 /// `sweep lr in [0.01, 0.1], seed in 0..5 { … }`
 #[derive(Clone, Debug)]
 pub struct Sweep {
-    pub axes: Vec<Axis>,
-    pub span: Span,
+    pub(crate) axes: Vec<Axis>,
+    pub(crate) span: Span,
 }
 
 /// A variable of a sweep: a declaration with the values that replace its own, or [`super::SEED`], the seed of the run as well.
 #[derive(Clone, Debug)]
 pub struct Axis {
-    pub name: String,
-    pub values: Values,
-    pub span: Span,
+    pub(crate) name: String,
+    pub(crate) values: Values,
+    pub(crate) span: Span,
 }
 
+/// The values of a variable of a sweep.
 #[derive(Clone, Debug)]
 pub enum Values {
     /// `[a, b, c]`
@@ -608,8 +733,10 @@ pub enum Values {
     Computed(Expr),
 }
 
+/// `optimize LOSS { using: …, steps: …, stage coarse { … }, every 10 { … } }`.
 #[derive(Clone, Debug)]
 pub struct Optimize {
+    /// The scalar that is made small.
     pub loss: Expr,
     /// The loss as the user wrote it.
     pub name: String,
@@ -617,49 +744,52 @@ pub struct Optimize {
     pub over: Option<Vec<(Target, Span)>>,
     /// Of type optimizer; evaluated at each step (rates may depend on `step` and `progress`).
     pub using: Option<Expr>,
+    /// Its number of steps, and that of each stage that does not say its own; 100 if none is written.
     pub steps: Option<Expr>,
-    pub stages: Vec<Stage>,
+    pub(crate) stages: Vec<Stage>,
     /// Ends the stage in which it holds.
     pub stop_when: Option<Expr>,
-    pub every: Vec<Every>,
+    pub(crate) every: Vec<Every>,
     /// Other settings, for all stages: `starts`, `heat`, `clip`, `spp`, `film_scale`, `blur`, `max_bounces`, `control_variates`.
     pub settings: Vec<(String, Expr)>,
-    pub span: Span,
+    pub(crate) span: Span,
 }
 
+/// A stage: so many steps, with settings in place of the optimisation's.
 #[derive(Clone, Debug)]
 pub struct Stage {
-    pub name: String,
-    pub steps: Option<Expr>,
-    pub using: Option<Expr>,
+    pub(crate) name: String,
+    pub(crate) steps: Option<Expr>,
+    pub(crate) using: Option<Expr>,
     /// In place of the optimisation's.
-    pub stop_when: Option<Expr>,
+    pub(crate) stop_when: Option<Expr>,
     /// `spp`, `film_scale`, `max_bounces`: replace these arguments of every render of the loss; `blur`, `clip`, `control_variates`.
-    pub settings: Vec<(String, Expr)>,
+    pub(crate) settings: Vec<(String, Expr)>,
     /// What moves in this stage, if not what moves in the others.
-    pub over: Option<Vec<(Target, Span)>>,
-    pub then: Option<Then>,
-    pub span: Span,
+    pub(crate) over: Option<Vec<(Target, Span)>>,
+    pub(crate) then: Option<Then>,
+    pub(crate) span: Span,
 }
 
 /// What is declared anew where a stage ends. All values are taken before any of them counts.
 #[derive(Clone, Debug)]
 pub struct Then {
     /// Among all of the program, in order.
-    pub index: u32,
-    pub renewals: Vec<Renewal>,
-    pub span: Span,
+    pub(crate) index: u32,
+    pub(crate) renewals: Vec<Renewal>,
+    pub(crate) span: Span,
 }
 
+/// A declaration that is given another value where a stage ends.
 #[derive(Clone, Debug)]
 pub struct Renewal {
-    pub decl: DeclId,
-    pub value: Expr,
+    pub(crate) decl: DeclId,
+    pub(crate) value: Expr,
 }
 
+/// `every STEPS { … }`.
 #[derive(Clone, Debug)]
 pub struct Every {
-    pub steps: Expr,
-    pub actions: Vec<Action>,
-    pub span: Span,
+    pub(crate) steps: Expr,
+    pub(crate) actions: Vec<Action>,
 }

@@ -27,9 +27,12 @@ pub enum Line {
     /// Statements. The program contains their declarations; these are the ids of those that are new or changed, and the actions in the
     /// order of the line.
     Statements {
+        /// The declarations that are new or changed.
         declared: Vec<hir::DeclId>,
+        /// What the line does, in order.
         actions: Vec<hir::Action>,
     },
+    /// An expression that is no statement: a question for its value.
     Expr(hir::Expr),
     /// Only white space and comments.
     Empty,

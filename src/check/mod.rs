@@ -78,7 +78,9 @@ pub use understanding::{Understanding, understand};
 
 /// The outside world as the checker sees it.
 pub trait Loader {
+    /// The text of a file. An error of kind `InvalidData` if it is not UTF-8.
     fn read(&self, path: &Path) -> io::Result<String>;
+    /// Whether there is a file of that path. Nothing is read of it.
     fn exists(&self, path: &Path) -> bool;
 }
 
@@ -109,8 +111,11 @@ pub fn with_line_ends(text: &str) -> String {
 
 /// The result of checking: the program if there are no errors, all diagnostics in source order, and the sources that they refer to.
 pub struct Checked {
+    /// The program; `None` if there are errors.
     pub program: Option<hir::Program>,
+    /// Errors and warnings, in source order and each once.
     pub diagnostics: Vec<Diagnostic>,
+    /// The texts to which the diagnostics refer.
     pub sources: SourceMap,
     /// The file or text itself: other sources are of the library, and imported ones.
     pub main: SourceId,
@@ -128,6 +133,7 @@ impl Checked {
 /// What a script is checked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Purpose {
+    /// The program is run as it is.
     Run,
     /// Expressions and lines are to be checked against it ([`check_line`]). What the check knows beside the program is kept for them; otherwise
     /// the first of them has everything checked again.

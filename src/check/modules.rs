@@ -21,6 +21,7 @@ use crate::syntax::ast::{self, StatementKind};
 /// Most names that are compared in one check to find suggestions for unknown names; about a tenth of a second.
 const SPELLING_BUDGET: usize = 1 << 24;
 
+/// Index of a module among those of one check: a file that is imported, a module of the library, or the script itself.
 pub type ModuleId = usize;
 
 /// Module 0 is the prelude.

@@ -18,6 +18,7 @@ impl PartialEq for Made {
     }
 }
 
+/// The type of a value. Sizes belong to it as far as they are known before anything runs.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub enum Ty {
     /// The type after a reported error. It agrees with every type, so that no further errors follow.
@@ -27,23 +28,34 @@ pub enum Ty {
     Any,
     /// A scalar (`[]`), vector (`[3]`), matrix (`[3, 3]`), array (`vec3[4]` is `[4, 3]`), …
     Num(Vec<Dim>),
+    /// An angle, such as `45deg`; of arrays of angles see [`Ty::of_quantity`].
     Angle,
+    /// `true` or `false`.
     Bool,
+    /// A text.
     Str,
     /// Height, width, channels.
     Image {
+        /// Rows.
         height: Dim,
+        /// Columns.
         width: Dim,
+        /// Numbers of a pixel.
         channels: Dim,
+        /// Where its size was given.
         made: Made,
     },
     /// An image whose numbers are angles; what it is without their unit, an image.
     AngleImage(Box<Ty>),
     /// Height and width of its images; `cropped` if these are not its film's.
     Camera {
+        /// Rows of its images.
         height: Dim,
+        /// Columns of its images.
         width: Dim,
+        /// Whether its images are smaller than its film.
         cropped: bool,
+        /// Where its film was given.
         made: Made,
     },
     /// Items that are not numbers, or numbers of different shapes.
@@ -52,18 +64,31 @@ pub enum Ty {
     Tuple(Vec<Ty>),
     /// Values under names, in the order in which they were written. Two records with the same fields are of one type, in any order.
     Record(Vec<(String, Ty)>),
+    /// A function: what it takes, in order, and what it gives.
     Fn(Vec<Ty>, Box<Ty>),
+    /// A rotation, a 3×3 matrix.
     Rotation,
+    /// A rigid motion or scaling, a 4×4 matrix that acts on columns.
     Transform,
+    /// An image with the way in which it is looked up.
     Texture,
+    /// A triangle mesh.
     Mesh,
+    /// How a surface reflects.
     Material,
+    /// A mesh with its material.
     Shape,
+    /// An area, point, spot, directional or environment light.
     Light,
+    /// What fills a space, such as fog.
     Medium,
+    /// Shapes and lights.
     Scene,
+    /// Settings of renderings.
     Integrator,
+    /// The rule by which an optimisation steps, with its settings.
     Optimizer,
+    /// What gradients are smoothed by before a step.
     Preconditioner,
     /// Of independent numbers, or of those of a vector or an array.
     Distribution(Box<Ty>),
@@ -78,12 +103,15 @@ pub enum Ty {
 }
 
 impl Ty {
+    /// A single number.
     pub const SCALAR: Ty = Ty::Num(Vec::new());
 
+    /// `n` numbers.
     pub fn vector(n: usize) -> Ty {
         Ty::Num(vec![Some(n)])
     }
 
+    /// Whether it is a single number.
     pub fn is_scalar(&self) -> bool {
         matches!(self, Ty::Num(shape) if shape.is_empty())
     }

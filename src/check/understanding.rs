@@ -21,6 +21,7 @@ pub struct Understanding {
     pub program: Program,
     /// The same as [`super::check_text`] gives.
     pub diagnostics: Vec<Diagnostic>,
+    /// The texts to which places refer.
     pub sources: SourceMap,
     /// The text that was asked about.
     pub main: SourceId,
@@ -83,7 +84,8 @@ impl Understanding {
         known.slots.iter().find(own).map_or(super::modules::PRELUDE, |slot| slot.module)
     }
 
-    pub fn module(&self, module: ModuleId) -> Option<&Module> {
+    /// What a module declares and imports.
+    pub(crate) fn module(&self, module: ModuleId) -> Option<&Module> {
         self.knowledge.modules.get(module)
     }
 
