@@ -13,6 +13,7 @@ use super::{Diagnostic, Names};
 pub struct Family {
     /// `dscene::type`: how its codes begin.
     pub name: &'static str,
+    /// What its codes have in common, in a sentence.
     pub about: String,
     /// In alphabetical order.
     pub pages: Vec<Page>,
@@ -21,18 +22,22 @@ pub struct Family {
 /// What there is to say about a code. Texts are not wrapped; a blank line stands between paragraphs.
 #[derive(Debug)]
 pub struct Page {
+    /// The code that it explains.
     pub code: &'static str,
     /// One sentence: what it means.
     pub title: String,
     /// Why it is so, and what to do.
     pub text: String,
+    /// A script that gives this code alone.
     pub wrong: Option<Example>,
+    /// The same script put right, which gives no diagnostic.
     pub right: Option<Example>,
 }
 
 /// A script of a page.
 #[derive(Clone, Copy, Debug)]
 pub struct Example {
+    /// The text of the script.
     pub script: &'static str,
     /// It checks, and is found to be wrong when it runs.
     pub runs: bool,

@@ -11,15 +11,19 @@ pub(crate) use suggest::{Names, did_you_mean, suggest};
 
 use crate::source::Span;
 
+/// How much a diagnostic matters, the worst first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Severity {
+    /// It must be mended: what it is about does not run.
     Error,
+    /// It runs, but hardly as it is meant.
     Warning,
     /// Nothing is wrong: what will be done, and how to have it otherwise.
     Advice,
 }
 
 impl Severity {
+    /// The word for it, in messages and in JSON.
     pub fn word(self) -> &'static str {
         match self {
             Severity::Error => "error",
@@ -32,7 +36,9 @@ impl Severity {
 /// A place and what there is to say about it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Label {
+    /// The place.
     pub span: Span,
+    /// What is said there, without a final stop.
     pub text: String,
 }
 
@@ -41,42 +47,51 @@ pub struct Label {
 pub struct Diagnostic {
     /// `dscene::type::mismatch`: stable, explained by `dsl explain`.
     pub code: &'static str,
+    /// How much it matters.
     pub severity: Severity,
     /// One sentence, lower-case start, no final stop.
     pub message: String,
+    /// Where it is; the first is the culprit.
     pub labels: Vec<Label>,
     /// What to write instead.
     pub helps: Vec<String>,
 }
 
 impl Diagnostic {
+    /// An error, without labels and helps so far.
     pub fn error(code: &'static str, message: impl Into<String>) -> Diagnostic {
         Diagnostic { code, severity: Severity::Error, message: message.into(), labels: Vec::new(), helps: Vec::new() }
     }
 
+    /// A warning, without labels and helps so far.
     pub fn warning(code: &'static str, message: impl Into<String>) -> Diagnostic {
         Diagnostic { severity: Severity::Warning, ..Diagnostic::error(code, message) }
     }
 
+    /// Advice, without labels and helps so far.
     pub fn advice(code: &'static str, message: impl Into<String>) -> Diagnostic {
         Diagnostic { severity: Severity::Advice, ..Diagnostic::error(code, message) }
     }
 
+    /// Adds a label.
     pub fn label(mut self, span: Span, text: impl Into<String>) -> Diagnostic {
         self.labels.push(Label { span, text: text.into() });
         self
     }
 
+    /// Adds what to write instead.
     pub fn help(mut self, text: impl Into<String>) -> Diagnostic {
         self.helps.push(text.into());
         self
     }
 
+    /// Adds what to write instead, if it is known.
     pub fn help_opt(mut self, text: Option<String>) -> Diagnostic {
         self.helps.extend(text);
         self
     }
 
+    /// Whether it is an error.
     pub fn is_error(&self) -> bool {
         self.severity == Severity::Error
     }

@@ -11,7 +11,9 @@ use crate::source::{SourceFile, SourceId, SourceMap, Span};
 /// How diagnostics are drawn.
 #[derive(Clone, Copy, Debug)]
 pub struct RenderOptions {
+    /// Whether escape sequences colour it.
     pub color: bool,
+    /// Columns to which text is wrapped.
     pub width: usize,
 }
 

@@ -20,6 +20,7 @@ use super::{Deps, Engine, History, Result, Statistics, error, mix};
 /// A scalar with its derivatives.
 #[derive(Clone, Debug)]
 pub struct Gradient {
+    /// The scalar.
     pub value: f64,
     /// The derivatives in the order of the request; that of a rotation has 3 numbers.
     pub grads: Vec<Tensor>,

@@ -119,7 +119,8 @@ impl History {
 
     // ---- stored and resumed ----------------------------------------------------------------------------------------
 
-    pub fn store(&self) -> StoredHistory {
+    /// What a checkpoint keeps of it.
+    pub(crate) fn store(&self) -> StoredHistory {
         let scene_of = |site: &Site| site.last.as_ref().map(|last| Arc::as_ptr(&last.scene));
         let stored = |site: &Site, last: &Last| StoredLast {
             step: last.step,

@@ -13,6 +13,7 @@ use crate::tape::{self, Tensor, Var};
 
 /// The value of an expression at params, with the graph that it was computed by. The params may move on: what was recorded stays.
 pub struct Linear {
+    /// The value itself.
     pub value: Value,
     output: Var,
     leaves: Vec<Var>,

@@ -68,6 +68,7 @@ pub use scene_file::{Names, SceneFile, scene_file};
 pub use show::{brief, exact, is_angle, json_size, number_text, show, to_json};
 pub use state::{EngineState, Placed};
 
+/// What an evaluation gives, or the one thing that is wrong.
 pub type Result<T, E = Diagnostic> = std::result::Result<T, E>;
 
 /// Most nested evaluations. Each declaration that is being evaluated, and each function that is being called, allows some more, because chains of
@@ -80,6 +81,7 @@ const STACK_BYTES: usize = 64 << 20;
 const STACK_NEEDED: usize = 1 << 20;
 const STACK_GROWN: usize = 16 << 20;
 
+/// What an engine needs to know beside its program.
 #[derive(Clone, Debug, Default)]
 pub struct EngineOptions {
     /// The seed of all random numbers.
@@ -93,6 +95,7 @@ pub struct EngineOptions {
 /// The geometry of a param.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ParamKind {
+    /// Numbers that are moved as they are.
     Plain,
     /// Radians.
     Angle,
@@ -100,28 +103,37 @@ pub enum ParamKind {
     Rotation,
 }
 
+/// What there is to know of a param, with all settings evaluated.
 #[derive(Clone)]
 pub struct ParamInfo {
+    /// Its declaration.
     pub id: DeclId,
+    /// Its name in the script.
     pub name: String,
     /// Shape of the value.
     pub shape: Vec<usize>,
+    /// How its numbers are to be understood.
     pub kind: ParamKind,
     /// Infinite on an open side.
     pub bounds: Option<(Tensor, Tensor)>,
     /// A distribution, and where it is written.
     pub prior: Option<(Value, Span)>,
+    /// The factor on the optimiser's rate, if there is one.
     pub lr: Option<f64>,
+    /// What its numbers are divided by while it is optimised, if anything.
     pub scale: Option<f64>,
+    /// The coordinates in which it is optimised, if these are not its numbers.
     pub space: Option<hir::ParamSpace>,
     /// A preconditioner, and where it is asked for.
     pub precondition: Option<(Value, Span)>,
+    /// Whether optimisations leave it where it is that do not name it.
     pub frozen: bool,
 }
 
 /// Counts of the work done, for tests.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Statistics {
+    /// Renderings, those for derivatives included.
     pub renders: u64,
     /// Samples drawn, of pixels of images that params reach and of their derivatives.
     pub samples: u64,
@@ -131,12 +143,15 @@ pub struct Statistics {
     pub declarations: u64,
     /// Wall time of evaluating what is differentiated, and of its derivatives.
     pub values_took: Duration,
+    /// Of these two: the derivatives.
     pub derivatives_took: Duration,
     /// Of the time of values, what was none of the following.
     pub losses_took: Duration,
     /// Wall time of reading files, of building scenes with their ray trees, and of rendering.
     pub loads_took: Duration,
+    /// Of these three: building scenes.
     pub scenes_took: Duration,
+    /// Of these three: rendering.
     pub renders_took: Duration,
 }
 
@@ -226,6 +241,7 @@ pub struct Engine {
 }
 
 impl Engine {
+    /// An engine in which nothing is evaluated yet: params have their initial values once they are asked for.
     pub fn new(program: hir::Program, options: EngineOptions) -> Engine {
         let reach = Arc::new(Reach::new(&program));
         let root = World { parent: None, overrides: vec![], fresh: false, cache: HashMap::new(), path: 0x5CE7E };
@@ -267,14 +283,17 @@ impl Engine {
         }
     }
 
+    /// The program that it evaluates.
     pub fn program(&self) -> &hir::Program {
         &self.program
     }
 
-    pub fn options(&self) -> &EngineOptions {
+    /// What it was made with.
+    pub(crate) fn options(&self) -> &EngineOptions {
         &self.options
     }
 
+    /// The work done so far.
     pub fn statistics(&self) -> Statistics {
         Statistics { samples: self.samples.load(Ordering::Relaxed), ..self.statistics }
     }
@@ -287,7 +306,7 @@ impl Engine {
         }
     }
 
-    /// Sets the seed from which samples are drawn.
+    /// The seed from which samples are drawn.
     pub fn sample_seed(&self) -> u64 {
         self.sample_seed
     }
@@ -329,7 +348,8 @@ impl Engine {
         ids.into_iter().map(|id| self.param_info(id)).collect()
     }
 
-    pub fn param_info(&mut self, id: DeclId) -> Result<ParamInfo> {
+    /// What there is to know of one param, whose initial value this evaluates.
+    pub(crate) fn param_info(&mut self, id: DeclId) -> Result<ParamInfo> {
         self.on_stack(|e| e.param_info_inner(id))
     }
 

@@ -13,6 +13,7 @@ use super::{Engine, Result};
 /// The place that a NaN or an infinity came from, and what it is there.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Origin {
+    /// The expression that computed it from finite values.
     pub span: Span,
     /// `pixel (3, 4) of `sky.exr` is NaN`.
     pub text: String,

@@ -14,6 +14,7 @@ use super::Engine;
 pub struct RecordedImage {
     /// The expression.
     pub name: String,
+    /// Its numbers.
     pub image: Arc<Tensor>,
     /// What it was compared with.
     pub target: Option<Arc<Tensor>>,

@@ -31,6 +31,7 @@ const ENTRY_BYTES: u64 = 16;
 /// What is rendered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Work {
+    /// The image alone.
     Image,
     /// The derivative of a number by all that reaches the image.
     Gradient,
@@ -46,17 +47,25 @@ type Key = (Span, Work, usize, usize, u32, u32);
 /// A rendering whose price was measured.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rehearsed {
+    /// Where it is written.
     pub place: Span,
+    /// What of it is computed.
     pub work: Work,
+    /// Columns.
     pub width: usize,
+    /// Rows.
     pub height: usize,
+    /// Samples for each pixel.
     pub spp: u32,
+    /// Scattering events of a path, at most.
     pub max_bounces: u32,
+    /// Triangles of the scene.
     pub triangles: usize,
     /// How often it was needed so far.
     pub count: u64,
     /// Of one: what it takes however few its paths are, and what a path takes.
     pub seconds_at_least: f64,
+    /// What each further path takes.
     pub seconds_a_path: f64,
     /// Of these measurements.
     pub measured: u32,

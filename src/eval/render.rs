@@ -30,7 +30,9 @@ use super::{Engine, Result, deps, error, history, mix};
 /// Settings of a stage, in place of the arguments of every render. What no param reaches keeps its own `spp`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RenderOverrides {
+    /// Samples for each pixel.
     pub spp: Option<u32>,
+    /// Scattering events of a path, at most.
     pub max_bounces: Option<u32>,
     /// Factor on the film's width and height.
     pub film_scale: Option<f64>,

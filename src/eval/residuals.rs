@@ -17,7 +17,9 @@ const ROOM: usize = 1 << 25;
 
 /// A loss Σ r², up to a constant.
 pub struct Residuals {
+    /// The loss itself.
     pub loss: f64,
+    /// The residuals r, each with the root of its weight.
     pub values: Vec<f64>,
     nodes: Vec<Var>,
     /// Roots of weights.

@@ -27,8 +27,11 @@ use super::lower::lower_camera;
 /// What a scene file holds of a value, and sentences about what it does not hold.
 #[derive(Default)]
 pub struct SceneFile {
+    /// Shapes and lights.
     pub scene: Loaded,
+    /// The cameras, in order.
     pub cameras: Vec<LoadedCamera>,
+    /// What was left out, a sentence each.
     pub told: Vec<String>,
 }
 

@@ -28,11 +28,15 @@ pub struct EngineState {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Placed {
     decl: u32,
+    /// The declaration's name.
     pub name: String,
+    /// The way from its value to the field, name by name; empty for a param.
     pub path: Vec<String>,
     /// As the script writes it: `glow`, `lamp.radiance`.
     pub shown: String,
+    /// The lengths of its axes.
     pub shape: Vec<usize>,
+    /// Its numbers, row-major.
     pub data: Vec<f64>,
 }
 
@@ -50,6 +54,7 @@ impl EngineState {
 }
 
 impl Engine {
+    /// Where the engine is, to be taken up again by [`Engine::restore`].
     pub fn state(&self) -> EngineState {
         EngineState {
             moved: self.placed(),

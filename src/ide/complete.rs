@@ -17,23 +17,36 @@ use crate::syntax::statement_words;
 /// What a completion is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum What {
+    /// A function.
     Function,
+    /// A declaration that is no function.
     Value,
+    /// A parameter, a loop's variable or a `let` of a block.
     Local,
+    /// A module of the library, or a file under the name by which it was imported.
     Module,
+    /// A field of a value, or a component.
     Field,
+    /// An argument of a call, or a field in braces.
     Argument,
+    /// One of the words that an argument may be.
     Word,
+    /// A word of the language.
     Keyword,
+    /// A type.
     Type,
+    /// A unit that may follow a number.
     Unit,
+    /// A file or a folder.
     File,
 }
 
 /// One of the things that may be written.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Completion {
+    /// What is shown in the list.
     pub label: String,
+    /// What it is.
     pub what: What,
     /// A type, in one line.
     pub detail: String,
@@ -55,6 +68,7 @@ impl Completion {
 pub struct Completions {
     /// Where what is replaced begins; it ends at the cursor.
     pub start: usize,
+    /// What may be written there, the likeliest first.
     pub items: Vec<Completion>,
 }
 

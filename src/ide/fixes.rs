@@ -17,6 +17,7 @@ use crate::syntax::{self, statement_ranges};
 /// A change of the text.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Fix {
+    /// What it does, as a menu says it.
     pub title: String,
     /// Replacements of bytes of the text, which do not overlap.
     pub edits: Vec<(usize, usize, String)>,

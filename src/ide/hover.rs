@@ -12,7 +12,9 @@ use super::{Analysis, describe, names, word_at};
 /// What is told, in Markdown, and of which piece of the text.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Hover {
+    /// The name or literal that it is about.
     pub span: Span,
+    /// What is told, in Markdown.
     pub text: String,
 }
 

@@ -8,11 +8,13 @@ const ABBREVIATIONS: [&str; 3] = ["e.g", "Rec", "et al"];
 
 /// A module of the library.
 pub struct Module {
+    /// Its name, without `std.`.
     pub name: &'static str,
     /// Its names are known everywhere; those of others by `import std.NAME`.
     pub is_prelude: bool,
     /// What it is about: the comment that its file begins with.
     pub about: String,
+    /// What it declares, in the order of its file.
     pub entries: Vec<Entry>,
 }
 
@@ -25,6 +27,7 @@ pub struct Entry {
     pub head: String,
     /// Without its example.
     pub text: String,
+    /// An expression that may be evaluated as it is; empty if there is none.
     pub example: String,
 }
 

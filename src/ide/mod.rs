@@ -35,6 +35,7 @@ use names::{Occurrence, Symbol};
 
 /// A text and what is known of it.
 pub struct Analysis {
+    /// What the check has understood of it.
     pub known: Understanding,
     /// The names of the text, in its order.
     pub names: Vec<Occurrence>,

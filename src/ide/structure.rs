@@ -9,13 +9,17 @@ use crate::syntax::ast::{self, StatementKind};
 /// What a text declares or does, for outlines.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Outline {
+    /// The declared name, or what the statement does: `optimize shadow`.
     pub name: String,
     /// `param`, `fn`, `camera`, `optimize`, `stage`, …
     pub word: &'static str,
     /// Its type, if it has one.
     pub detail: String,
+    /// The whole statement.
     pub span: Span,
+    /// The name within it.
     pub name_span: Span,
+    /// The stages of an `optimize`.
     pub children: Vec<Outline>,
 }
 
@@ -87,8 +91,11 @@ fn of_statement(known: &Understanding, module: usize, statement: &ast::Statement
 /// What may be folded: from the end of the first line to the last one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Fold {
+    /// The byte where the first line of it begins to count.
     pub start: usize,
+    /// The byte after its last one.
     pub end: usize,
+    /// Whether it is a comment.
     pub is_comment: bool,
 }
 

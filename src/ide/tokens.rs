@@ -10,11 +10,17 @@ use crate::syntax::is_reserved;
 /// What a piece of a text is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Class {
+    /// A comment.
     Comment,
+    /// A text in quotes, with what stands in its braces left out.
     String,
+    /// A number with its unit, or a colour.
     Number,
+    /// A word of the language.
     Keyword,
+    /// The name of a type.
     Type,
+    /// A function.
     Function,
     /// A declared value.
     Variable,
@@ -22,8 +28,11 @@ pub enum Class {
     Param,
     /// A parameter of a function, a variable of a loop, a `let` in a block.
     Parameter,
+    /// A field, or the name of an argument.
     Property,
+    /// One of the words that an argument may be.
     Word,
+    /// A module, or a file under the name by which it was imported.
     Module,
 }
 
@@ -48,8 +57,11 @@ impl Class {
 /// A piece of a text with its class.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Painted {
+    /// The byte where it begins.
     pub start: usize,
+    /// The byte after its last one.
     pub end: usize,
+    /// What it is.
     pub class: Class,
     /// Whether a name is given here.
     pub declares: bool,

@@ -15,13 +15,17 @@ use crate::source::SourceFile;
 pub struct Begin {
     /// The script's name without folder and extension.
     pub name: String,
+    /// The words of the command line.
     pub command: Vec<String>,
+    /// Number of worker threads.
     pub threads: usize,
+    /// What is kept for those who resume the run.
     pub settings: RunSettings,
     /// Its folder; by default a new one in `runs`.
     pub out: Option<PathBuf>,
     /// Takes a folder with files in it.
     pub force: bool,
+    /// Whether the log is written for TensorBoard as well.
     pub tensorboard: bool,
 }
 

@@ -38,8 +38,11 @@ const HEAD: &str = concat!("dscene ", env!("CARGO_PKG_VERSION"), "\n");
 /// Settings with which a run was started. A resumed run keeps them.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct RunSettings {
+    /// The path of the script.
     pub file: String,
+    /// The seed of all random numbers.
     pub seed: u64,
+    /// `--set`: expressions in place of the script's.
     pub overrides: Vec<Override>,
     /// In place of the script's.
     pub steps: Option<u64>,
@@ -50,6 +53,7 @@ pub struct RunSettings {
 /// A run between two of its steps or actions.
 #[derive(Serialize, Deserialize)]
 pub struct Checkpoint {
+    /// What the run was started with.
     pub settings: RunSettings,
     /// The action to go on with, or within.
     pub action: usize,
@@ -58,10 +62,12 @@ pub struct Checkpoint {
     /// At the start of that action.
     start: EngineState,
     optimizing: Option<Optimizing>,
+    /// What became of the run so far.
     pub report: RunReport,
     curves: Curves,
     histories: Histories,
     targets: Targets,
+    /// How long its logs were.
     pub logged: Logged,
     /// The script's folder, and all files that were read with their fingerprints.
     folder: OsString,

@@ -12,11 +12,14 @@ pub struct Stopwatch {
 /// Seconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Elapsed {
+    /// Wall time.
     pub wall: f64,
+    /// CPU time of all threads together.
     pub cpu: f64,
 }
 
 impl Stopwatch {
+    /// One that starts now.
     pub fn start() -> Stopwatch {
         Stopwatch { wall: Instant::now(), cpu: cpu_seconds() }
     }
@@ -49,7 +52,8 @@ pub struct Phases {
 }
 
 impl Phases {
-    pub fn named(&self) -> [(&'static str, f64); 5] {
+    /// All of them with their names in the log.
+    pub(crate) fn named(&self) -> [(&'static str, f64); 5] {
         let Phases { render, gradient, solver, files, actions } = *self;
         [("render", render), ("gradient", gradient), ("solver", solver), ("files", files), ("actions", actions)]
     }
@@ -86,16 +90,23 @@ fn ticks_from_stat(stat: &str) -> Option<f64> {
 /// A moment in UTC.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Date {
+    /// In the proleptic Gregorian calendar.
     pub year: i64,
+    /// From 1.
     pub month: u32,
+    /// Of the month, from 1.
     pub day: u32,
+    /// From 0 to 23.
     pub hour: u32,
+    /// From 0 to 59.
     pub minute: u32,
+    /// From 0 to 59.
     pub second: u32,
 }
 
 impl Date {
-    pub fn now() -> Date {
+    /// The present moment, by the clock of the system.
+    pub(crate) fn now() -> Date {
         let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs());
         Date::from_unix(seconds)
     }

@@ -16,7 +16,6 @@ use crate::check::hir::{Action, Optimize};
 use crate::diag::Diagnostic;
 use crate::eval::{Engine, Rehearsal, Rehearsed};
 use crate::memory;
-use crate::source::Span;
 
 /// How many times as long, and as short, as it is told a run may take: `docs/estimates.md` says why, and compares.
 pub const SPREAD: f64 = 1.5;

@@ -28,12 +28,17 @@ pub struct RunInfo {
     pub version: String,
     /// The script's name without folder and extension.
     pub name: String,
+    /// The path of the script, as it was given.
     pub file: String,
+    /// The words of the command line.
     pub command: Vec<String>,
+    /// The seed of all random numbers.
     pub seed: u64,
+    /// Number of worker threads.
     pub threads: usize,
     /// UTC.
     pub started: String,
+    /// `--set`: expressions in place of the script's.
     pub overrides: Vec<Override>,
     /// In place of the script's.
     #[serde(default)]
@@ -45,7 +50,9 @@ pub struct RunInfo {
 /// `--set NAME=EXPR`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Override {
+    /// The declaration whose value is replaced.
     pub name: String,
+    /// The text of the expression that replaces it.
     pub value: String,
 }
 
@@ -257,6 +264,7 @@ impl RunFolder {
         Ok(logged)
     }
 
+    /// Where it is.
     pub fn path(&self) -> &Path {
         &self.path
     }

@@ -10,10 +10,12 @@ use crate::check::{self, hir};
 use crate::diag::Diagnostic;
 use crate::eval::{Engine, History, INTERRUPTED};
 
+/// How a gradient is measured.
 #[derive(Clone, Copy, Debug)]
 pub struct MeasureOptions {
     /// At least 1.
     pub repeats: u32,
+    /// The seed from which those of the repeats follow.
     pub seed: u64,
     /// Step of central finite differences; `None` to measure none.
     pub fd_step: Option<f64>,
@@ -25,11 +27,15 @@ pub struct MeasureOptions {
 /// The gradient of a scalar, measured over independent seeds.
 #[derive(Clone, Debug)]
 pub struct Measurement {
+    /// How often it was measured.
     pub repeats: u32,
+    /// The scalar.
     pub value: Moments,
     /// Mean times over the repeats of one evaluation of the value, and of the value with its derivative.
     pub primal: Elapsed,
+    /// See above: of the value with its derivative.
     pub gradient: Elapsed,
+    /// The derivatives, param by param.
     pub wrt: Vec<MeasuredParam>,
 }
 

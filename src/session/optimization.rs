@@ -144,12 +144,14 @@ pub(super) struct Move {
 pub struct StepReport {
     /// From 0.
     pub step: u64,
-    pub stage: Option<String>,
+    pub(crate) stage: Option<String>,
+    /// The loss where the params were before the step.
     pub loss: f64,
     /// Its standard error, if the solver measured it.
     pub loss_error: Option<f64>,
+    /// The optimiser's rate in this step.
     pub lr: f64,
-    pub grad_norm: f64,
+    pub(crate) grad_norm: f64,
     /// By param's name.
     pub gradients: Vec<(String, GradientSize)>,
     /// Names of the params whose gradient was not finite: nothing moved.
@@ -164,7 +166,7 @@ pub struct StepReport {
     pub bytes: u64,
     /// Wall time of value, derivative and update.
     pub seconds: f64,
-    pub phases: Phases,
+    pub(crate) phases: Phases,
     /// The small params at which the loss was taken ([`LOGGED_NUMBERS`]): name, shape, numbers.
     pub params: Vec<(String, Vec<usize>, Vec<f64>)>,
     /// What the log has of the others: by name.
@@ -309,7 +311,7 @@ impl Optimization {
         engine.restore(&now)
     }
 
-    pub fn name(&self) -> &str {
+    pub(crate) fn name(&self) -> &str {
         &self.optimize.name
     }
 
@@ -333,10 +335,11 @@ impl Optimization {
         self.params.iter().zip(&self.spaces).map(|(param, space)| (&*param.name, &*param.shape, space))
     }
 
-    pub fn every(&self) -> &[hir::Every] {
+    pub(crate) fn every(&self) -> &[hir::Every] {
         &self.optimize.every
     }
 
+    /// Steps taken so far.
     pub fn done(&self) -> u64 {
         self.done
     }
@@ -346,6 +349,7 @@ impl Optimization {
         self.done.checked_sub(self.starts.map_or(0, |starts| starts.steps()))
     }
 
+    /// Steps that it takes if nothing ends it before.
     pub fn total(&self) -> u64 {
         self.total
     }

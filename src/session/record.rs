@@ -20,10 +20,13 @@ use crate::tape::Tensor;
 /// A run, finished or not.
 #[derive(Clone, Debug)]
 pub struct Run {
+    /// Where it is.
     pub folder: PathBuf,
+    /// What it was started with.
     pub info: RunInfo,
     /// The lines of the log, of all optimisations.
     pub steps: Vec<Step>,
+    /// What happened beside steps, in order.
     pub events: Vec<Event>,
     /// What the script has saved: paths relative to the folder, in their order by name.
     pub saved: Vec<PathBuf>,
@@ -120,7 +123,8 @@ impl Run {
 }
 
 impl RunInfo {
-    pub fn read(folder: &Path) -> Result<RunInfo, Diagnostic> {
+    /// Reads `run.json` in a folder. An error if there is none, or if it is no such record.
+    pub(crate) fn read(folder: &Path) -> Result<RunInfo, Diagnostic> {
         let path = folder.join(RECORD);
         if !path.is_file() {
             return Err(no_run("dscene::run::record", folder));

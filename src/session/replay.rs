@@ -8,7 +8,9 @@ use crate::diag::Diagnostic;
 /// A step of a run: the index of its optimisation among those that took a step, and the number of the step within it, both from 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StepOfRun {
+    /// Which optimisation, from 0.
     pub nth: usize,
+    /// Which of its steps, from 0.
     pub step: u64,
 }
 

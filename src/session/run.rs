@@ -31,7 +31,9 @@ use crate::source::Span;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[must_use]
 pub enum Flow {
+    /// Yes.
     Continue,
+    /// No: the user wants to stop.
     Interrupted,
     /// The rest of the run is not worth its time ([`Judge`]).
     Pruned,
@@ -40,10 +42,15 @@ pub enum Flow {
 /// What became of a run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct RunReport {
+    /// Whether the user has stopped it.
     pub interrupted: bool,
+    /// `expect`s that were evaluated.
     pub expects: u64,
+    /// Those among them that did not hold.
     pub failed_expects: u64,
+    /// The files that were saved.
     pub saved: Vec<PathBuf>,
+    /// Steps of all optimisations together.
     pub steps: u64,
     /// Steps that moved nothing, because what they would have followed was not finite.
     pub skipped_steps: u64,
@@ -77,7 +84,9 @@ impl RunReport {
 
 /// Runs actions against an engine and the world.
 pub struct Runner<'a> {
+    /// The program with its values.
     pub engine: &'a mut Engine,
+    /// Where output goes.
     pub world: &'a mut dyn World,
     /// Where the log and the outputs go. Without one (REPL) nothing is logged.
     pub folder: Option<&'a mut RunFolder>,
@@ -85,6 +94,7 @@ pub struct Runner<'a> {
     pub outputs: PathBuf,
     /// Replaces the steps of every `optimize`.
     pub steps: Option<u64>,
+    /// What became of it so far.
     pub report: RunReport,
     /// When checkpoints are written into the folder, if they are.
     pub checkpoints: Option<Schedule>,
@@ -119,6 +129,7 @@ pub struct Losses {
 }
 
 impl<'a> Runner<'a> {
+    /// One that writes no folder: outputs go to the current one.
     pub fn new(engine: &'a mut Engine, world: &'a mut dyn World) -> Runner<'a> {
         let (outputs, report, curves) = (PathBuf::new(), RunReport::default(), Curves::default());
         let histories = Histories::default();

@@ -27,6 +27,7 @@ impl From<Diagnostic> for Refusal {
     }
 }
 
+/// An answer, or why there is none.
 pub type Result<T, E = Refusal> = std::result::Result<T, E>;
 
 /// The seeds of a question.
@@ -55,6 +56,7 @@ pub struct Script {
 }
 
 impl Script {
+    /// A script that was asked nothing yet.
     pub fn new(engine: Engine) -> Script {
         Script {
             engine,
@@ -66,6 +68,7 @@ impl Script {
         }
     }
 
+    /// The engine as the last question has left it.
     pub fn engine(&self) -> &Engine {
         &self.engine
     }

@@ -10,6 +10,7 @@ pub struct Moments {
 }
 
 impl Moments {
+    /// Takes in one measurement; all must have as many numbers as the first.
     pub fn add(&mut self, values: &[f64]) {
         if self.count == 0 {
             self.mean = vec![0.0; values.len()];
@@ -23,10 +24,12 @@ impl Moments {
         }
     }
 
+    /// Number of measurements.
     pub fn count(&self) -> u64 {
         self.count
     }
 
+    /// The mean of the measurements; empty if there was none.
     pub fn mean(&self) -> &[f64] {
         &self.mean
     }

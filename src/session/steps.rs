@@ -30,22 +30,28 @@ pub struct Steps {
 /// What became of an optimisation.
 #[derive(Clone, Debug)]
 pub struct Optimized {
+    /// The text of the loss.
     pub name: String,
+    /// Steps that were taken.
     pub steps: u64,
     /// The loss where the params are now, over seeds that no step has used.
     pub loss: Moments,
+    /// What is told of them as of a run.
     pub report: RunReport,
 }
 
 impl Steps {
+    /// The text of the loss.
     pub fn name(&self) -> &str {
         self.optimization.name()
     }
 
+    /// Steps taken so far.
     pub fn done(&self) -> u64 {
         self.optimization.done()
     }
 
+    /// Steps that it takes if nothing ends it before.
     pub fn total(&self) -> u64 {
         self.optimization.total()
     }
@@ -138,7 +144,9 @@ impl Script {
 /// What became of a run.
 #[derive(Clone, Debug)]
 pub struct Ran {
+    /// The run folder.
     pub folder: PathBuf,
+    /// What became of it.
     pub report: RunReport,
     /// The actions failed with this.
     pub failed: Option<Diagnostic>,

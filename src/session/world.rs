@@ -16,7 +16,9 @@ pub struct Progress<'a> {
     pub name: &'a str,
     /// Number of steps done, and total number of steps.
     pub done: u64,
+    /// See `done`.
     pub total: u64,
+    /// The loss at the last step.
     pub loss: f64,
     /// Mean wall time of a step so far, in seconds.
     pub seconds_per_step: f64,
@@ -46,9 +48,13 @@ pub trait World {
 /// A world that stores all output, for tests and for callers that want the text.
 #[derive(Debug, Default)]
 pub struct Recorder {
+    /// What was printed, in order.
     pub printed: Vec<String>,
+    /// What was noted, in order.
     pub notes: Vec<String>,
+    /// Errors and warnings, in order.
     pub diagnostics: Vec<Diagnostic>,
+    /// Steps of optimisations.
     pub steps: u64,
     /// Number of steps after which to ask to stop.
     pub stop_after: Option<u64>,
