@@ -3,11 +3,14 @@ use std::ops::{Add, Div, Mul, Neg, Sub};
 /// A number with its derivatives in `N` variables: the slow, certain reference for hand-written adjoints.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Dual<const N: usize> {
+    /// The number itself.
     pub value: f64,
+    /// Its derivatives, variable by variable.
     pub partials: [f64; N],
 }
 
 impl<const N: usize> Dual<N> {
+    /// A number that depends on no variable.
     pub fn constant(value: f64) -> Dual<N> {
         Dual { value, partials: [0.0; N] }
     }
@@ -24,27 +27,33 @@ impl<const N: usize> Dual<N> {
         Dual { value, partials: self.partials.map(|p| slope * p) }
     }
 
+    /// The square root; its slope at 0 is infinite.
     pub fn sqrt(self) -> Dual<N> {
         let root = self.value.sqrt();
         self.chain(root, 0.5 / root)
     }
 
+    /// `eˣ`.
     pub fn exp(self) -> Dual<N> {
         self.chain(self.value.exp(), self.value.exp())
     }
 
+    /// The natural logarithm.
     pub fn ln(self) -> Dual<N> {
         self.chain(self.value.ln(), 1.0 / self.value)
     }
 
+    /// Sine of radians.
     pub fn sin(self) -> Dual<N> {
         self.chain(self.value.sin(), self.value.cos())
     }
 
+    /// Cosine of radians.
     pub fn cos(self) -> Dual<N> {
         self.chain(self.value.cos(), -self.value.sin())
     }
 
+    /// `self` to a whole power.
     pub fn powi(self, n: i32) -> Dual<N> {
         self.chain(self.value.powi(n), f64::from(n) * self.value.powi(n - 1))
     }
@@ -54,6 +63,7 @@ impl<const N: usize> Dual<N> {
         (self.ln() * exponent).exp()
     }
 
+    /// The absolute value, with the slope 1 at 0.
     pub fn abs(self) -> Dual<N> {
         if self.value < 0.0 { -self } else { self }
     }

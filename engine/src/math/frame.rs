@@ -3,9 +3,9 @@ use glam::Vec3;
 /// An orthonormal, right-handed frame around a unit normal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Frame {
-    pub tangent: Vec3,
-    pub bitangent: Vec3,
-    pub normal: Vec3,
+    pub(crate) tangent: Vec3,
+    pub(crate) bitangent: Vec3,
+    pub(crate) normal: Vec3,
 }
 
 impl Frame {
@@ -22,13 +22,14 @@ impl Frame {
         }
     }
 
+    /// A vector of the frame in the coordinates in which the frame is given.
     #[inline]
     pub fn to_world(&self, v: Vec3) -> Vec3 {
         self.tangent * v.x + self.bitangent * v.y + self.normal * v.z
     }
 
     #[inline]
-    pub fn to_local(&self, v: Vec3) -> Vec3 {
+    pub(crate) fn to_local(&self, v: Vec3) -> Vec3 {
         Vec3::new(self.tangent.dot(v), self.bitangent.dot(v), self.normal.dot(v))
     }
 }

@@ -25,13 +25,14 @@ pub struct Pcg32 {
 }
 
 impl Pcg32 {
+    /// A generator whose numbers follow from the seed.
     pub fn new(seed: u64) -> Pcg32 {
         let mut rng = Pcg32 { state: seed.wrapping_add(0x853c_49e6_748f_ea9b) };
         rng.next_u32();
         rng
     }
 
-    pub fn next_u32(&mut self) -> u32 {
+    pub(crate) fn next_u32(&mut self) -> u32 {
         let old = self.state;
         self.state = old.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         let shifted = (((old >> 18) ^ old) >> 27) as u32;
@@ -43,10 +44,12 @@ impl Pcg32 {
         unit_f32(self.next_u32())
     }
 
+    /// Two numbers, uniform in [0, 1).
     pub fn next_2d(&mut self) -> [f32; 2] {
         [self.next_f32(), self.next_f32()]
     }
 
+    /// Three numbers, uniform in [0, 1).
     pub fn next_3d(&mut self) -> [f32; 3] {
         [self.next_f32(), self.next_f32(), self.next_f32()]
     }

@@ -32,6 +32,7 @@ pub fn cosine_hemisphere(u: [f32; 2]) -> Vec3 {
     Vec3::new(d.x, d.y, (1.0 - d.length_squared()).max(1e-12).sqrt())
 }
 
+/// The density of [`cosine_hemisphere`] over solid angle: cos θ / π, and 0 below the horizon.
 #[inline]
 pub fn cosine_hemisphere_pdf(cos_theta: f32) -> f32 {
     cos_theta.max(0.0) * FRAC_1_PI

@@ -45,22 +45,28 @@ pub use scene::{NEEDS_FOCUS, add_to_scene, transform_matrix};
 /// An error of a native, with the argument to blame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NativeError {
+    /// The index of the argument to blame, if it is one.
     pub arg: Option<usize>,
+    /// What is wrong: one sentence, with a lower-case start and no final stop.
     pub message: String,
+    /// What to write instead.
     pub help: Option<String>,
     /// The argument is of a kind that the native does not take, whatever its value. The checker reports this where types are known.
     pub of_kind: bool,
 }
 
 impl NativeError {
+    /// An error that no argument is to blame for.
     pub fn new(message: impl Into<String>) -> NativeError {
         NativeError { arg: None, message: message.into(), help: None, of_kind: false }
     }
 
+    /// An error for which the argument at that index is to blame.
     pub fn at(arg: usize, message: impl Into<String>) -> NativeError {
         NativeError { arg: Some(arg), ..NativeError::new(message) }
     }
 
+    /// Adds what to write instead.
     pub fn help(mut self, help: impl Into<String>) -> NativeError {
         self.help = Some(help.into());
         self
@@ -79,6 +85,7 @@ impl From<Shortage> for NativeError {
     }
 }
 
+/// What a native gives.
 pub type Result<T, E = NativeError> = std::result::Result<T, E>;
 
 /// The state outside of its arguments that a native may use.
@@ -88,6 +95,7 @@ pub struct Context {
     pub base_dir: PathBuf,
     /// Seed for natives that draw random numbers.
     pub seed: u64,
+    /// The step of the running optimisation, from 0.
     pub step: u64,
     /// Losses of the running optimisation so far, oldest first.
     pub losses: std::sync::Arc<Vec<f64>>,
@@ -99,11 +107,15 @@ pub struct Context {
 
 /// The arguments of one call, with the names of their parameters.
 pub struct Args<'a> {
+    /// The parameters' names, in order.
     pub names: &'a [&'a str],
+    /// The arguments, one for each parameter; [`Value::None`] where one is missing.
     pub values: &'a [Value],
+    /// What it may use beside them.
     pub context: &'a Context,
 }
 
+/// A function that implements a native.
 pub type Native = fn(&Args) -> Result<Value>;
 
 const TABLES: [&[(&str, Native)]; 15] = [
@@ -140,10 +152,12 @@ pub fn names() -> impl Iterator<Item = &'static str> {
 pub const PROJECT: &str = "project";
 
 impl<'a> Args<'a> {
+    /// How many parameters there are; missing arguments count.
     pub fn len(&self) -> usize {
         self.values.len()
     }
 
+    /// Whether there are no parameters.
     pub fn is_empty(&self) -> bool {
         self.values.is_empty()
     }
@@ -153,7 +167,7 @@ impl<'a> Args<'a> {
         self.values.get(index).filter(|v| !matches!(v, Value::None))
     }
 
-    pub fn index(&self, name: &str) -> Option<usize> {
+    pub(crate) fn index(&self, name: &str) -> Option<usize> {
         self.names.iter().position(|n| *n == name)
     }
 
@@ -173,15 +187,16 @@ impl<'a> Args<'a> {
         NativeError::new(format!("the argument `{name}` is missing"))
     }
 
+    /// The argument at an index; an error if it is missing.
     pub fn value(&self, index: usize) -> Result<&'a Value> {
         self.get(index).ok_or_else(|| self.missing(self.names.get(index).unwrap_or(&"?")))
     }
 
-    pub fn need(&self, name: &str) -> Result<(usize, &'a Value)> {
+    pub(crate) fn need(&self, name: &str) -> Result<(usize, &'a Value)> {
         self.named(name).ok_or_else(|| self.missing(name))
     }
 
-    pub fn wrong(&self, index: usize, expected: &str) -> NativeError {
+    pub(crate) fn wrong(&self, index: usize, expected: &str) -> NativeError {
         let found = self.values.get(index).map_or("nothing", |v| v.kind());
         let name = self.names.get(index).unwrap_or(&"?");
         NativeError { of_kind: true, ..NativeError::at(index, format!("`{name}` must be {expected}, this is {found}")) }
@@ -195,7 +210,7 @@ impl<'a> Args<'a> {
         }
     }
 
-    pub fn named_var(&self, name: &str) -> Result<Option<&'a Var>> {
+    pub(crate) fn named_var(&self, name: &str) -> Result<Option<&'a Var>> {
         self.named(name).map(|(i, _)| self.var(i)).transpose()
     }
 
@@ -212,16 +227,18 @@ impl<'a> Args<'a> {
         Err(NativeError::at(index, format!("`{}` must be {n} numbers, this is a {what}", self.names[index])))
     }
 
+    /// A single number, as a node without axes.
     pub fn scalar(&self, index: usize) -> Result<Var> {
         let v = self.var(index)?;
         if v.len() == 1 { Ok(v.reshape(vec![])?) } else { Err(self.wrong(index, "a number")) }
     }
 
+    /// A single number, without its derivatives.
     pub fn number(&self, index: usize) -> Result<f64> {
         self.value(index)?.number().ok_or_else(|| self.wrong(index, "a number"))
     }
 
-    pub fn named_number(&self, name: &str) -> Result<Option<f64>> {
+    pub(crate) fn named_number(&self, name: &str) -> Result<Option<f64>> {
         self.named(name).map(|(i, _)| self.number(i)).transpose()
     }
 
@@ -240,10 +257,11 @@ impl<'a> Args<'a> {
         Ok(x as i64)
     }
 
-    pub fn named_integer(&self, name: &str, range: std::ops::RangeInclusive<i64>) -> Result<Option<i64>> {
+    pub(crate) fn named_integer(&self, name: &str, range: std::ops::RangeInclusive<i64>) -> Result<Option<i64>> {
         self.named(name).map(|(i, _)| self.integer(i, range)).transpose()
     }
 
+    /// A bool by its name; `None` if it is missing.
     pub fn boolean(&self, name: &str) -> Result<Option<bool>> {
         match self.named(name) {
             None => Ok(None),
@@ -252,14 +270,14 @@ impl<'a> Args<'a> {
         }
     }
 
-    pub fn string(&self, index: usize) -> Result<&'a str> {
+    pub(crate) fn string(&self, index: usize) -> Result<&'a str> {
         match self.value(index)? {
             Value::Str(s) => Ok(s),
             _ => Err(self.wrong(index, "a string")),
         }
     }
 
-    pub fn named_string(&self, name: &str) -> Result<Option<&'a str>> {
+    pub(crate) fn named_string(&self, name: &str) -> Result<Option<&'a str>> {
         self.named(name).map(|(i, _)| self.string(i)).transpose()
     }
 
@@ -275,7 +293,7 @@ impl<'a> Args<'a> {
         if image.is_empty() { Err(NativeError::at(index, "an image without pixels")) } else { Ok(image) }
     }
 
-    pub fn mesh(&self, index: usize) -> Result<&'a MeshValue> {
+    pub(crate) fn mesh(&self, index: usize) -> Result<&'a MeshValue> {
         match self.value(index)? {
             Value::Mesh(m) => Ok(m),
             Value::Shape(s) => Ok(&s.mesh),

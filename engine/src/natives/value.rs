@@ -19,7 +19,9 @@ use crate::tape::{Tensor, Var};
 pub enum Value {
     /// A missing argument.
     None,
+    /// `true` or `false`.
     Bool(bool),
+    /// A text.
     Str(Arc<str>),
     /// Numbers, vectors, matrices, arrays of them; angles in radians.
     Num(Var),
@@ -31,21 +33,31 @@ pub enum Value {
     Transform(Var),
     /// An array of other things, or a tuple.
     List(Arc<Vec<Value>>),
+    /// An image that is looked up by coordinates.
     Texture(Arc<TextureValue>),
+    /// A triangle mesh.
     Mesh(Arc<MeshValue>),
+    /// How a surface reflects.
     Material(Arc<MaterialValue>),
+    /// A mesh with its material.
     Shape(Arc<ShapeValue>),
+    /// A light of any kind.
     Light(Arc<LightValue>),
+    /// A camera, as it was written.
     Camera(Arc<CameraValue>),
+    /// Shapes and lights.
     Scene(Arc<SceneValue>),
     /// An optimizer or integrator: a name with settings.
     Settings(Arc<SettingsValue>),
     /// A network with its weights.
     Network(Arc<Network>),
+    /// What `estimate` gives.
     Estimate(Arc<EstimateValue>),
+    /// What `grad(loss)` gives, param by param.
     Gradients(Arc<Vec<GradientEntry>>),
     /// Values under names, in the order of the script or of the data file that holds them.
     Record(Arc<Vec<(String, Value)>>),
+    /// Something callable.
     Function(Function),
 }
 
@@ -53,10 +65,14 @@ pub enum Value {
 #[derive(Clone)]
 pub struct Function(pub Arc<dyn Any + Send + Sync>);
 
+/// A texture.
 #[derive(Clone)]
 pub struct TextureValue {
+    /// Its numbers.
     pub texels: Texels,
+    /// How it goes on beyond its edges.
     pub wrap: Wrap,
+    /// How it is looked up between its texels.
     pub filter: Filter,
 }
 
@@ -64,11 +80,15 @@ pub struct TextureValue {
 /// computed with, bytes. These take a byte a number where the tape takes eight.
 #[derive(Clone)]
 pub enum Texels {
+    /// Numbers that may be differentiated.
     Var(Var),
+    /// Bytes of a file.
     Packed(Arc<PackedTexels>),
 }
 
+/// Texels as a file has them, a byte a number.
 pub struct PackedTexels {
+    /// The bytes.
     pub image: Arc<Packed>,
     shape: [usize; 3],
     /// Once something is computed with them.
@@ -129,6 +149,7 @@ impl Texels {
         }
     }
 
+    /// `[height, width, channels]`.
     pub fn shape(&self) -> &[usize] {
         match self {
             Texels::Var(var) => var.shape(),
@@ -152,10 +173,12 @@ impl From<Var> for Texels {
     }
 }
 
+/// A triangle mesh whose numbers may be differentiated. What a vertex has stands in the order of the vertices.
 #[derive(Clone)]
 pub struct MeshValue {
     /// `[n, 3]`
     pub vertices: Var,
+    /// The vertices of each triangle, counterclockwise seen from outside.
     pub faces: Arc<Vec<[u32; 3]>>,
     /// `[n, 3]`
     pub normals: Option<Var>,
@@ -172,25 +195,34 @@ pub struct MeshValue {
 pub enum Input {
     /// A number or a color.
     Number(Var),
+    /// What a texture shows at the point's texture coordinates.
     Texture(Arc<TextureValue>),
+    /// The mesh's colours, interpolated between its vertices.
     VertexColor,
     /// A texture multiplied by the vertex colours.
     Tinted(Arc<TextureValue>),
 }
 
+/// A material with inputs of the language.
 pub type MaterialValue = Material<Input>;
 
+/// A shape of a scene.
 #[derive(Clone)]
 pub struct ShapeValue {
+    /// Where its surface lies.
     pub mesh: Arc<MeshValue>,
+    /// How that reflects.
     pub material: Arc<MaterialValue>,
 }
 
 /// Lights without area.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DeltaModel {
+    /// From a point, to all sides.
     Point,
+    /// From a point, into a cone.
     Spot,
+    /// From infinitely far away, in one direction.
     Directional,
 }
 
@@ -208,6 +240,7 @@ impl DeltaModel {
 /// A light without area.
 #[derive(Clone)]
 pub struct DeltaLightValue {
+    /// Which of them.
     pub model: DeltaModel,
     /// By the name of the constructor's argument.
     pub numbers: Vec<(&'static str, Var)>,
@@ -220,22 +253,42 @@ pub struct DeltaLightValue {
 /// An equirectangular map of what a light sends in each direction.
 #[derive(Clone)]
 pub struct ProfileValue {
+    /// The map, a factor in each direction.
     pub map: Arc<TextureValue>,
     /// Turns directions of the map into those of the world; as the map lies if there is none.
     pub rotation: Option<Var>,
 }
 
 impl DeltaLightValue {
+    /// The argument of that name, if it was given.
     pub fn number(&self, name: &str) -> Option<&Var> {
         self.numbers.iter().find(|(n, _)| *n == name).map(|(_, v)| v)
     }
 }
 
+/// A light of a scene.
 #[derive(Clone)]
 pub enum LightValue {
-    Area { mesh: Arc<MeshValue>, radiance: Input, two_sided: bool, material: Option<Arc<MaterialValue>> },
+    /// A mesh that shines.
+    Area {
+        /// The mesh.
+        mesh: Arc<MeshValue>,
+        /// What it sends in each direction: a colour, or a texture over the mesh.
+        radiance: Input,
+        /// Whether it shines to both sides, and not only to that of its normals.
+        two_sided: bool,
+        /// How it reflects besides; it reflects nothing without.
+        material: Option<Arc<MaterialValue>>,
+    },
+    /// A light without area.
     Delta(DeltaLightValue),
-    Environment { radiance: Input, rotation: Option<Var> },
+    /// What shines from all directions, infinitely far away.
+    Environment {
+        /// A colour, or an equirectangular map.
+        radiance: Input,
+        /// `[3, 3]`: turns directions of the map into those of the world.
+        rotation: Option<Var>,
+    },
 }
 
 /// A camera as it was written; `lower` turns it into rays.
@@ -248,6 +301,7 @@ pub struct CameraValue {
 }
 
 impl CameraValue {
+    /// The argument of that name, if it was given.
     pub fn field(&self, name: &str) -> Option<&Value> {
         self.fields.iter().find(|(n, _)| n == name).map(|(_, v)| v)
     }
@@ -277,15 +331,19 @@ impl CameraValue {
     }
 }
 
+/// A scene, in the order in which it was written.
 #[derive(Clone, Default)]
 pub struct SceneValue {
+    /// What may be hit by rays and reflects.
     pub shapes: Vec<Arc<ShapeValue>>,
+    /// What shines.
     pub lights: Vec<Arc<LightValue>>,
 }
 
 /// What settings are of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SettingsKind {
+    /// Of an optimiser: the rule by which it steps.
     Optimizer(Rule),
     /// Of the vertices of a mesh.
     Laplacian,
@@ -295,6 +353,7 @@ pub enum SettingsKind {
     Distribution(Law),
     /// Samples a step by the noise of its gradient.
     AutoSamples,
+    /// Of renderings.
     Integrator,
     /// A mesh's vertex colours, which stand where a texture may.
     VertexColor,
@@ -315,22 +374,27 @@ impl SettingsKind {
     }
 }
 
+/// What a constructor of settings was given.
 #[derive(Clone)]
 pub struct SettingsValue {
+    /// What they are of.
     pub kind: SettingsKind,
     /// By argument name; missing ones are absent.
     pub fields: Vec<(String, Value)>,
 }
 
 impl SettingsValue {
+    /// The argument of that name, if it was given.
     pub fn field(&self, name: &str) -> Option<&Value> {
         self.fields.iter().find(|(n, _)| n == name).map(|(_, v)| v)
     }
 
+    /// The same, if it is a single number.
     pub fn number(&self, name: &str) -> Option<f64> {
         self.field(name).and_then(Value::number)
     }
 
+    /// The same, if it is a bool.
     pub fn boolean(&self, name: &str) -> Option<bool> {
         match self.field(name) {
             Some(Value::Bool(b)) => Some(*b),
@@ -339,10 +403,14 @@ impl SettingsValue {
     }
 }
 
+/// A mean over independent seeds with its error, number by number.
 #[derive(Clone)]
 pub struct EstimateValue {
+    /// The mean.
     pub mean: Var,
+    /// Its standard error.
     pub std_error: Var,
+    /// How many seeds.
     pub repeats: usize,
     /// Of an image, as both are then.
     pub is_image: bool,
@@ -351,8 +419,11 @@ pub struct EstimateValue {
 /// One line of what `grad(loss)` gives.
 #[derive(Clone)]
 pub struct GradientEntry {
+    /// The param's name.
     pub name: String,
+    /// Where the param is.
     pub value: Tensor,
+    /// The derivative by it, number by number; of a rotation three, about the world's axes.
     pub gradient: Var,
     /// It is one per radian.
     pub is_angle: bool,
@@ -361,18 +432,22 @@ pub struct GradientEntry {
 }
 
 impl Value {
+    /// A constant number.
     pub fn scalar(x: f64) -> Value {
         Value::Num(Var::from(x))
     }
 
+    /// Constant numbers.
     pub fn tensor(t: Tensor) -> Value {
         Value::Num(Var::constant(t))
     }
 
+    /// A text.
     pub fn str(s: impl Into<Arc<str>>) -> Value {
         Value::Str(s.into())
     }
 
+    /// An array of things that need not be numbers.
     pub fn list(items: Vec<Value>) -> Value {
         Value::List(Arc::new(items))
     }

@@ -11,17 +11,18 @@ pub const SHIPPED: [(&str, &str); 2] = [
 /// The largest width and height of an input.
 const LARGEST: usize = 4096;
 
+/// A network without its weights: what it wants to see, and its layers in order.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Description {
     /// For people.
     #[serde(default, rename = "about")]
     _about: String,
-    pub input: Input,
+    pub(crate) input: Input,
     /// Of batch normalisation.
     #[serde(default = "default_epsilon")]
     pub epsilon: f64,
-    pub layers: Vec<Layer>,
+    pub(crate) layers: Vec<Layer>,
 }
 
 fn default_epsilon() -> f64 {

@@ -20,7 +20,9 @@ use pool::Pool;
 /// What is wrong with a network: with its description, or with its weights.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Fault {
+    /// The description says what no network can be.
     Description(String),
+    /// The weights do not fit the description.
     Weights(String),
 }
 
@@ -62,7 +64,7 @@ pub struct Trace {
 
 /// Activations of one layer.
 pub struct Features {
-    pub channels: usize,
+    pub(crate) channels: usize,
     /// Row by row, the channels of a pixel together.
     pub values: Vec<f32>,
 }
@@ -81,6 +83,7 @@ impl Network {
         (self.input.width, self.input.height)
     }
 
+    /// How many scores it gives.
     pub fn classes(&self) -> usize {
         self.layers.last().map_or(0, |layer| layer.output.len())
     }

@@ -59,6 +59,7 @@ pub use tensor::{Broadcast, Tensor, broadcast_shapes};
 #[error("{0}")]
 pub struct TapeError(pub String);
 
+/// What an operation gives, or why its operands do not fit.
 pub type Result<T, E = TapeError> = std::result::Result<T, E>;
 
 impl From<Shortage> for TapeError {
@@ -96,6 +97,7 @@ impl Var {
         Var(Arc::new(Node { id: NEXT_ID.fetch_add(1, Ordering::Relaxed), value, op, inputs, live }))
     }
 
+    /// A value without derivatives.
     pub fn constant(value: impl Into<Tensor>) -> Var {
         Var::node(Arc::new(value.into()), Op::Leaf, vec![], false)
     }
@@ -125,6 +127,7 @@ impl Var {
         Var::record(Op::Custom(op), inputs, value)
     }
 
+    /// The value itself.
     pub fn value(&self) -> &Tensor {
         &self.0.value
     }
@@ -134,18 +137,22 @@ impl Var {
         self.0.value.clone()
     }
 
+    /// The lengths of the value's axes; none for a single number.
     pub fn shape(&self) -> &[usize] {
         &self.0.value.shape
     }
 
+    /// How many numbers it has.
     pub fn len(&self) -> usize {
         self.0.value.len()
     }
 
+    /// Whether it has no numbers at all.
     pub fn is_empty(&self) -> bool {
         self.0.value.is_empty()
     }
 
+    /// The value of one that has a single number, whatever its axes.
     pub fn item(&self) -> Option<f64> {
         self.0.value.item()
     }
@@ -183,10 +190,12 @@ impl Var {
         self.0.id
     }
 
+    /// A function of each number.
     pub fn unary(&self, f: Unary) -> Var {
         Var::apply(Op::Unary(f), vec![self.clone()], self.shape().to_vec())
     }
 
+    /// An operation between numbers of both, whose shapes are broadcast to one another; an error if they do not fit.
     pub fn binary(&self, f: Binary, other: &Var) -> Result<Var> {
         let Some(shape) = broadcast_shapes(self.shape(), other.shape()) else {
             return fail(format!(
@@ -203,26 +212,32 @@ impl Var {
         Ok(Var::apply(Op::Binary(f), vec![self.clone(), other.clone()], shape))
     }
 
+    /// Sum, with broadcasting.
     pub fn add(&self, other: &Var) -> Result<Var> {
         self.binary(Binary::Add, other)
     }
 
+    /// Difference, with broadcasting.
     pub fn sub(&self, other: &Var) -> Result<Var> {
         self.binary(Binary::Sub, other)
     }
 
+    /// Product number by number, with broadcasting.
     pub fn mul(&self, other: &Var) -> Result<Var> {
         self.binary(Binary::Mul, other)
     }
 
+    /// Quotient number by number, with broadcasting.
     pub fn div(&self, other: &Var) -> Result<Var> {
         self.binary(Binary::Div, other)
     }
 
+    /// Each number with the other sign.
     pub fn neg(&self) -> Var {
         self.unary(Unary::Neg)
     }
 
+    /// Each number times `s`.
     pub fn scale(&self, s: f64) -> Var {
         if s == 1.0 {
             return self.clone();
@@ -231,7 +246,8 @@ impl Var {
         Var::apply(Op::Binary(Binary::Mul), vec![self.clone(), s], self.shape().to_vec())
     }
 
-    pub fn shift(&self, s: f64) -> Var {
+    /// Each number plus `s`.
+    pub(crate) fn shift(&self, s: f64) -> Var {
         let s = Var::constant(s);
         Var::apply(Op::Binary(Binary::Add), vec![self.clone(), s], self.shape().to_vec())
     }

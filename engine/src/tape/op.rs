@@ -9,6 +9,7 @@ use crate::stop::{self, Pace};
 
 /// An operation defined outside the tape: a mesh operation, an image operation, rendering.
 pub trait CustomOp: Send + Sync {
+    /// What it is called in messages.
     fn name(&self) -> &str;
 
     /// Σ d_output · ∂output/∂input for each input with `wants`; `None` stands for zero.
@@ -49,32 +50,53 @@ pub trait CustomOp: Send + Sync {
 /// `asin` and `acos` take a number that is larger than 1 by less than this for 1.
 pub const ROUNDING: f64 = 1e-12;
 
+/// Functions of one number. What they do at the edges of their domains says the table of [`crate::tape`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Unary {
+    /// `−x`.
     Neg,
+    /// Sine of radians.
     Sin,
+    /// Cosine of radians.
     Cos,
+    /// Tangent of radians.
     Tan,
+    /// Arcsine, from −π/2 to π/2; NaN where |x| is larger than 1 by more than [`ROUNDING`].
     Asin,
+    /// Arccosine, from 0 to π; NaN where |x| is larger than 1 by more than [`ROUNDING`].
     Acos,
+    /// Arctangent, from −π/2 to π/2.
     Atan,
+    /// Hyperbolic tangent.
     Tanh,
+    /// `eˣ`.
     Exp,
+    /// The natural logarithm.
     Log,
+    /// The square root.
     Sqrt,
+    /// `x²`.
     Square,
+    /// `|x|`.
     Abs,
+    /// `1 / x`.
     Recip,
+    /// `1 / (1 + e⁻ˣ)`.
     Sigmoid,
+    /// −1, 0 or 1.
     Sign,
+    /// The largest whole number that is not above.
     Floor,
+    /// The smallest whole number that is not below.
     Ceil,
+    /// The nearest whole number; of two that are equally near the one farther from 0.
     Round,
     /// Copies the value and cuts the derivative.
     Stop,
 }
 
 impl Unary {
+    /// The function's value.
     pub fn value(self, x: f64) -> f64 {
         match self {
             Unary::Neg => -x,
@@ -139,27 +161,43 @@ impl Unary {
     }
 }
 
+/// Operations between two numbers. Comparisons give 1 where they hold and 0 where they do not.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Binary {
+    /// `x + y`.
     Add,
+    /// `x − y`.
     Sub,
+    /// `x · y`.
     Mul,
+    /// `x / y`.
     Div,
+    /// `x` to the power of `y`.
     Pow,
+    /// The smaller one; NaN if either is.
     Min,
+    /// The larger one; NaN if either is.
     Max,
+    /// The angle of a point, from −π to π, whose height is the first operand and whose distance to the right is the second.
     Atan2,
     /// Remainder with the sign of the divisor.
     Mod,
+    /// `x = y`.
     Eq,
+    /// `x ≠ y`.
     Ne,
+    /// `x < y`.
     Lt,
+    /// `x ≤ y`.
     Le,
+    /// `x > y`.
     Gt,
+    /// `x ≥ y`.
     Ge,
 }
 
 impl Binary {
+    /// The operation's value.
     #[inline]
     pub fn value(self, x: f64, y: f64) -> f64 {
         let truth = |b: bool| if b { 1.0 } else { 0.0 };
@@ -234,6 +272,7 @@ impl Binary {
         }
     }
 
+    /// Whether it is a comparison, whose derivatives are 0.
     pub fn is_comparison(self) -> bool {
         matches!(self, Binary::Eq | Binary::Ne | Binary::Lt | Binary::Le | Binary::Gt | Binary::Ge)
     }
@@ -265,10 +304,10 @@ fn power(x: f64, y: f64) -> f64 {
 /// A linear filter along one axis: `y[j] = Σ_k weights[k] · x[sources[k]]`, k in `starts[j]..starts[j+1]`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AxisFilter {
-    pub axis: usize,
-    pub starts: Vec<u32>,
-    pub sources: Vec<u32>,
-    pub weights: Vec<f64>,
+    pub(crate) axis: usize,
+    pub(crate) starts: Vec<u32>,
+    pub(crate) sources: Vec<u32>,
+    pub(crate) weights: Vec<f64>,
 }
 
 impl AxisFilter {
@@ -285,7 +324,7 @@ impl AxisFilter {
         filter
     }
 
-    pub fn outputs(&self) -> usize {
+    pub(crate) fn outputs(&self) -> usize {
         self.starts.len() - 1
     }
 
@@ -312,7 +351,9 @@ impl AxisFilter {
 pub enum Op {
     /// A constant, or a leaf that derivatives are asked for.
     Leaf,
+    /// A function of each element.
     Unary(Unary),
+    /// An operation between elements of both inputs, broadcast to one another.
     Binary(Binary),
     /// Sum of all elements.
     Sum,
@@ -320,6 +361,7 @@ pub enum Op {
     Gather(Arc<Vec<u32>>),
     /// `y[table[i]] += x[i]`: sums over axes, accumulation over faces.
     Scatter(Arc<Vec<u32>>),
+    /// The same elements with other axes.
     Reshape,
     /// The inputs' elements one after the other.
     Concat,
@@ -329,7 +371,9 @@ pub enum Op {
     Inverse,
     /// Elements of the first input where the mask is set, of the second elsewhere; all of one shape.
     Select(Arc<Vec<bool>>),
+    /// A linear filter along one axis.
     Filter(Arc<AxisFilter>),
+    /// An operation that is defined elsewhere.
     Custom(Arc<dyn CustomOp>),
     /// A derivative. To differentiate it, it is recorded first, and then equals the root of its recorded graph.
     Deferred(Arc<DeferredDerivative>),

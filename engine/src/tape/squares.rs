@@ -7,6 +7,7 @@ use super::{Result, Tensor, Var, fail, plan, pull_back};
 
 /// Σ weight · residual².
 pub struct Squares {
+    /// What is squared, of any shape.
     pub residual: Var,
     /// One weight for each element of the residual, at least 0.
     pub weights: Tensor,

@@ -9,6 +9,7 @@ use crate::stop::Pace;
 /// The elements to keep along one axis.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Slice {
+    /// All of them.
     All,
     /// One element; the axis vanishes. Negative counts from the end.
     At(i64),
@@ -28,7 +29,7 @@ pub struct Group {
 }
 
 impl Var {
-    pub fn sum(&self) -> Var {
+    pub(crate) fn sum(&self) -> Var {
         if self.shape().is_empty() {
             return self.clone();
         }
@@ -52,7 +53,7 @@ impl Var {
         Ok(Var::apply(Op::Scatter(Arc::new(table)), vec![self.clone()], kept))
     }
 
-    pub fn mean_axes(&self, axes: &[usize]) -> Result<Var> {
+    pub(crate) fn mean_axes(&self, axes: &[usize]) -> Result<Var> {
         let total = self.sum_axes(axes)?;
         let count = self.len() / total.len().max(1);
         if count == 0 {
@@ -61,19 +62,20 @@ impl Var {
         Ok(total.scale(1.0 / count as f64))
     }
 
+    /// The smallest element; an error for an empty tensor.
     pub fn min(&self) -> Result<Var> {
         self.extreme(&(0..self.shape().len()).collect::<Vec<_>>(), |new, old| new < old)
     }
 
-    pub fn max(&self) -> Result<Var> {
+    pub(crate) fn max(&self) -> Result<Var> {
         self.extreme(&(0..self.shape().len()).collect::<Vec<_>>(), |new, old| new > old)
     }
 
-    pub fn min_axes(&self, axes: &[usize]) -> Result<Var> {
+    pub(crate) fn min_axes(&self, axes: &[usize]) -> Result<Var> {
         self.extreme(axes, |new, old| new < old)
     }
 
-    pub fn max_axes(&self, axes: &[usize]) -> Result<Var> {
+    pub(crate) fn max_axes(&self, axes: &[usize]) -> Result<Var> {
         self.extreme(axes, |new, old| new > old)
     }
 
@@ -205,6 +207,7 @@ impl Var {
         Ok(self.gather(crop_table(shape, &axes), kept))
     }
 
+    /// The same numbers, row-major, with other axes; an error if these have room for more or fewer.
     pub fn reshape(&self, shape: Vec<usize>) -> Result<Var> {
         if shape.iter().product::<usize>() != self.len() {
             return fail(format!("{} elements do not fit the shape {:?}", self.len(), shape));

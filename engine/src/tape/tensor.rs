@@ -6,7 +6,9 @@ use crate::stop;
 /// A dense array, row-major. `shape == []` is a scalar with one element.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tensor {
+    /// The lengths of the axes, the slowest first.
     pub shape: Vec<usize>,
+    /// The elements, the last axis running fastest.
     pub data: Vec<f64>,
 }
 
@@ -17,23 +19,27 @@ impl Tensor {
         Tensor { shape, data }
     }
 
+    /// A single number.
     pub fn scalar(x: f64) -> Self {
         Tensor { shape: vec![], data: vec![x] }
     }
 
+    /// Numbers along one axis.
     pub fn vector(data: Vec<f64>) -> Self {
         Tensor { shape: vec![data.len()], data }
     }
 
+    /// Zeros of that shape.
     pub fn zeros(shape: &[usize]) -> Self {
         Tensor::full(shape, 0.0)
     }
 
+    /// A tensor of that shape, with `x` everywhere.
     pub fn full(shape: &[usize], x: f64) -> Self {
         Tensor { shape: shape.to_vec(), data: vec![x; shape.iter().product()] }
     }
 
-    pub fn identity(n: usize) -> Self {
+    pub(crate) fn identity(n: usize) -> Self {
         let mut t = Tensor::zeros(&[n, n]);
         for i in 0..n {
             t.data[i * n + i] = 1.0;
@@ -65,20 +71,19 @@ impl Tensor {
         Some(Image { width, height, channels, data: self.to_f32() })
     }
 
+    /// The elements in single precision.
     pub fn to_f32(&self) -> Vec<f32> {
         stop::paced(&self.data, 1).map(|&x| x as f32).collect()
     }
 
+    /// How many elements it has.
     pub fn len(&self) -> usize {
         self.data.len()
     }
 
+    /// Whether it has no elements at all.
     pub fn is_empty(&self) -> bool {
         self.data.is_empty()
-    }
-
-    pub fn rank(&self) -> usize {
-        self.shape.len()
     }
 
     /// The value of a one-element tensor of any rank.
@@ -86,14 +91,17 @@ impl Tensor {
         if let [x] = self.data[..] { Some(x) } else { None }
     }
 
+    /// Whether no element is infinite or NaN.
     pub fn is_finite(&self) -> bool {
         self.data.iter().all(|x| x.is_finite())
     }
 
+    /// A function of each element.
     pub fn map(&self, f: impl Fn(f64) -> f64) -> Tensor {
         Tensor { shape: self.shape.clone(), data: mapped(&self.data, f) }
     }
 
+    /// Each element times `s`.
     pub fn scaled(&self, s: f64) -> Tensor {
         self.map(|x| s * x)
     }
@@ -144,16 +152,20 @@ pub fn broadcast_shapes(a: &[usize], b: &[usize]) -> Option<Vec<usize>> {
 /// Where the elements of a broadcast operand lie: output element `i` reads operand element `at(i)`.
 #[derive(Clone, Debug)]
 pub enum Broadcast {
+    /// As in the output.
     Same,
+    /// There is one for all.
     One,
     /// The operand repeats: `i % n`.
     Modulo(usize),
     /// Every operand element serves `n` outputs in a row: `i / n`.
     Divide(usize),
+    /// The operand's element for each of the output's.
     Table(Vec<u32>),
 }
 
 impl Broadcast {
+    /// How an operand of one shape is spread to another, which [`broadcast_shapes`] gives.
     pub fn new(operand: &[usize], out: &[usize]) -> Broadcast {
         let n: usize = operand.iter().product();
         let total: usize = out.iter().product();
@@ -203,6 +215,7 @@ impl Broadcast {
         Broadcast::Table(table)
     }
 
+    /// The operand's element for the output's element `i`.
     #[inline]
     pub fn at(&self, i: usize) -> usize {
         match self {
