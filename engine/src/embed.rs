@@ -4,8 +4,6 @@
 //! A scene is a list of plain arrays (`render::SceneDescription`), and [`Slot`] numbers those that may carry a derivative. At this edge
 //! they have names: `NAME.FIELD` for what [`SceneBuilder`] was told a name for, `camera.FIELD` for the camera.
 
-#![deny(missing_docs)]
-
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

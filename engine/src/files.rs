@@ -1,7 +1,5 @@
 //! Files of the outside world: read whole, if they are ordinary and of bearable size; written whole or not at all.
 
-#![deny(missing_docs)]
-
 use std::collections::BTreeMap;
 use std::fs;
 use std::io::{self, Read, Seek, Write};

@@ -4,7 +4,7 @@
 
 // Only the kernel of the ray queries (`render::accel::avx2`) and products of matrices (`network::gemm`) are allowed to.
 #![deny(unsafe_code)]
-#![warn(missing_docs)]
+#![deny(missing_docs)]
 
 pub mod files;
 pub mod memory;

@@ -4,8 +4,6 @@
 //! Nothing is reserved and nothing needs to be returned: the memory in use is what the operating system reports for the process. There is
 //! one limit for the whole process ([`set_limit`], `--memory` on the command line); the default is half of the machine's memory.
 
-#![deny(missing_docs)]
-
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU64, Ordering};

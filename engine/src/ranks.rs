@@ -7,8 +7,6 @@
 //!
 //! How messages travel is not known here: a [`Link`] carries them (the crate in `mpi/` has one). A thread without a link is the only rank.
 
-#![deny(missing_docs)]
-
 use std::cell::{Cell, RefCell};
 use std::io;
 use std::path::Path;

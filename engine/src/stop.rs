@@ -4,8 +4,6 @@
 //! Work that is ended unwinds to [`until`] and drops what it was making, so that filters, readers and builders of trees need no result
 //! type for it. Work that cannot check, because it is done by other libraries, is run by [`apart`].
 
-#![deny(missing_docs)]
-
 use std::cell::{Cell, RefCell};
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};

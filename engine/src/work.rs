@@ -3,8 +3,6 @@
 //! Work says what it is and how many parts it has ([`begin`]), and that parts are done ([`step`]). There is one account for the whole
 //! process, as there is one person who looks; work within other work is what is shown until it ends. Nothing else depends on it.
 
-#![deny(missing_docs)]
-
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;

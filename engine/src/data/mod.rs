@@ -1,8 +1,6 @@
 //! Numbers in files: NumPy's arrays, tables of text, safetensors, the intensities of luminaires. JSON is read where its values become
 //! those of the language.
 
-#![deny(missing_docs)]
-
 pub mod ies;
 pub mod npy;
 pub mod safetensors;

@@ -1,8 +1,6 @@
 //! Figures: curves over two axes, as SVG and as pixels. `layout` makes marks of a figure (lines, areas, dots, words), which `svg` writes
 //! and `raster` draws; there words are made of strokes (`letters`), since no font comes with the program.
 
-#![deny(missing_docs)]
-
 mod axis;
 mod layout;
 mod letters;

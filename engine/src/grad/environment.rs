@@ -11,6 +11,7 @@ use crate::render::Scene;
 pub enum MovingEnvironment {
     /// The peak of the map, such as a sun ([`crate::render::environment::EnvironmentPeak`]), if it has one.
     Peak,
+    /// All of the map.
     Whole,
 }
 

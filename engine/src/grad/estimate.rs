@@ -33,11 +33,11 @@ pub trait Draw: Sync {
 
 /// The pass of an estimator whose samples form one sequence.
 pub struct Sequence<'a, D> {
-    pub of: &'a D,
-    pub count: usize,
+    pub(crate) of: &'a D,
+    pub(crate) count: usize,
     /// Weight of each sample.
     pub weight: f64,
-    pub seed: u64,
+    pub(crate) seed: u64,
 }
 
 impl<D> Sequence<'_, D> {
@@ -102,6 +102,7 @@ pub struct Reverse<'a> {
 }
 
 impl<'a> Reverse<'a> {
+    /// For an adjoint image `d_image`, into a sink that knows the layout's order.
     pub fn new(scene: &'a Scene, layout: &'a Layout, d_image: &'a Image, sink: &'a mut dyn Sink) -> Self {
         Reverse { d_image, out: Adjoints::new(scene, layout, sink) }
     }
@@ -294,8 +295,11 @@ const FORWARD_KEPT: usize = 1 << 21;
 
 /// Derivatives of an image along several directions, indexed by pixel, direction and channel.
 pub struct Images {
+    /// Number of directions.
     pub directions: usize,
+    /// Numbers of a pixel of the image.
     pub channels: usize,
+    /// The derivatives: the channels of a direction together, the directions of a pixel one after the other.
     pub data: Vec<f64>,
 }
 

@@ -58,6 +58,7 @@ impl Rows {
         self.values.len()
     }
 
+    /// Whether there are no entries.
     pub fn is_empty(&self) -> bool {
         self.values.is_empty()
     }

@@ -17,7 +17,7 @@ const NONE: u32 = u32::MAX;
 /// Positions of the requested slots in one flat array.
 #[derive(Clone, Debug)]
 pub struct Layout {
-    pub slots: Vec<Slot>,
+    pub(crate) slots: Vec<Slot>,
     /// Position of each slot's first number, and the end of the last slot.
     pub starts: Vec<usize>,
     vertices: Vec<u32>,
@@ -46,6 +46,7 @@ pub struct Layout {
 }
 
 impl Layout {
+    /// The positions of these slots, one after the other, each with as many numbers as the scene has for it.
     pub fn new(scene: &Scene, slots: &[Slot]) -> Layout {
         let d = &scene.description;
         let refracts = |(i, shape): (usize, &Shape)| match shape.material.kind {
@@ -194,6 +195,7 @@ impl Layout {
 /// Takes derivatives: `value` is one sample's derivative in the number at `index` of the flat array. Whoever computes derivatives knows
 /// a sink as a trait object: so all of that is compiled once, and not for each kind of sink.
 pub trait Sink {
+    /// Adds to the number at `index`.
     fn add(&mut self, index: usize, value: f32);
 }
 
@@ -272,6 +274,7 @@ pub struct DenseSums {
 }
 
 impl DenseSums {
+    /// Zeros for a layout of `len` numbers.
     pub fn new(len: usize) -> DenseSums {
         DenseSums { data: vec![0.0; len], reached: vec![false; len.div_ceil(BLOCK)] }
     }
@@ -281,6 +284,7 @@ impl DenseSums {
         self.data.len()
     }
 
+    /// All derivatives, in the layout's order.
     pub fn into_vec(self) -> Vec<f64> {
         self.data
     }
@@ -342,8 +346,8 @@ pub trait ForwardSink: Sink {
 
 /// Forward mode along one direction, whose tangent has the layout's order.
 pub struct DirectionalDerivative<'a> {
-    pub tangent: &'a [f32],
-    pub sum: f64,
+    pub(crate) tangent: &'a [f32],
+    pub(crate) sum: f64,
 }
 
 impl Sink for DirectionalDerivative<'_> {
@@ -362,7 +366,7 @@ impl ForwardSink for DirectionalDerivative<'_> {
 
 /// The tangents of several directions as a sparse matrix: for each number of the layout its non-zero tangents.
 pub struct Tangents {
-    pub directions: usize,
+    pub(crate) directions: usize,
     /// Start of each number's entries, and the end of the last.
     starts: Vec<usize>,
     /// Direction and tangent of each entry.
@@ -389,6 +393,7 @@ pub struct DirectionalDerivatives<'a> {
 }
 
 impl<'a> DirectionalDerivatives<'a> {
+    /// Sums of zero along each of the directions.
     pub fn new(tangents: &'a Tangents) -> Self {
         DirectionalDerivatives { tangents, sums: vec![0.0; tangents.directions] }
     }
@@ -415,13 +420,14 @@ impl ForwardSink for DirectionalDerivatives<'_> {
 
 /// Turns adjoints of quantities of the scene (a point of a surface, a normal, a radiance) into derivatives in the requested slots.
 pub struct Adjoints<'a> {
-    pub scene: &'a Scene,
-    pub layout: &'a Layout,
+    pub(crate) scene: &'a Scene,
+    pub(crate) layout: &'a Layout,
     sink: &'a mut dyn Sink,
-    pub camera: CameraAdjoint,
+    pub(crate) camera: CameraAdjoint,
 }
 
 impl<'a> Adjoints<'a> {
+    /// Adjoints that go to a sink, for a scene and the requested slots.
     pub fn new(scene: &'a Scene, layout: &'a Layout, sink: &'a mut dyn Sink) -> Self {
         Adjoints { scene, layout, sink, camera: CameraAdjoint::default() }
     }
@@ -451,7 +457,7 @@ impl<'a> Adjoints<'a> {
     }
 
     #[inline]
-    pub fn wants_vertices(&self, shape: u32) -> bool {
+    pub(crate) fn wants_vertices(&self, shape: u32) -> bool {
         self.layout.vertices[shape as usize] != NONE
     }
 

@@ -1,7 +1,5 @@
 //! Images (linear values, row-major, origin at the top left), image files and filters.
 
-#![deny(missing_docs)]
-
 pub mod colormap;
 mod exr;
 pub mod file;

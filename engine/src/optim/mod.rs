@@ -3,8 +3,6 @@
 //! Everything works on plain slices of `f64`, one for each param. A [`Solver`] knows nothing about spaces and a [`Space`] nothing about
 //! solvers. [`Optimizer`] combines them, and skips steps whose gradient is not finite.
 
-#![deny(missing_docs)]
-
 mod lbfgs;
 mod least_squares;
 mod matrix_free;

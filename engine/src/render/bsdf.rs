@@ -70,13 +70,27 @@ pub const MIN_LOBE_SHARE: f32 = 0.1;
 /// A material at a point of a surface, with its inputs looked up.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Bsdf {
+    /// It absorbs all light.
     Black,
-    Diffuse { reflectance: Vec3 },
-    Mirror { reflectance: Vec3 },
+    /// It scatters light evenly, by Lambert's law.
+    Diffuse {
+        /// The share of light that it scatters, by channel.
+        reflectance: Vec3,
+    },
+    /// It reflects light in a single direction.
+    Mirror {
+        /// The share of light that it reflects, by channel.
+        reflectance: Vec3,
+    },
+    /// A smooth boundary of glass, or a thin pane.
     Dielectric(Dielectric),
+    /// A rough boundary of glass.
     RoughDielectric(RoughDielectric),
+    /// A thin pane with rough faces.
     RoughPane(RoughPane),
+    /// A diffuse base with microfacets, bare or under a clear coat.
     Layer(Layer),
+    /// Two layers side by side, each with its share.
     Blended(Blended),
 }
 
@@ -112,13 +126,13 @@ pub enum Side {
 /// The lobe that a direction was sampled from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Lobe {
-    pub width: Width,
-    pub side: Side,
+    pub(crate) width: Width,
+    pub(crate) side: Side,
 }
 
 impl Lobe {
-    pub const DIFFUSE: Lobe = Lobe { width: Width::Diffuse, side: Side::Reflect };
-    pub const GLOSSY: Lobe = Lobe { width: Width::Glossy, side: Side::Reflect };
+    pub(crate) const DIFFUSE: Lobe = Lobe { width: Width::Diffuse, side: Side::Reflect };
+    pub(crate) const GLOSSY: Lobe = Lobe { width: Width::Glossy, side: Side::Reflect };
     /// What a rough interface or a rough pane lets through.
     pub const GLOSSY_REFRACTED: Lobe = Lobe { width: Width::Glossy, side: Side::Transmit };
     /// A mirror's reflection.
@@ -127,12 +141,12 @@ impl Lobe {
     pub const REFRACTED: Lobe = Lobe { width: Width::Delta, side: Side::Transmit };
 
     #[inline(always)]
-    pub fn is_delta(self) -> bool {
+    pub(crate) fn is_delta(self) -> bool {
         self.width == Width::Delta
     }
 
     #[inline(always)]
-    pub fn transmits(self) -> bool {
+    pub(crate) fn transmits(self) -> bool {
         self.side == Side::Transmit
     }
 }
@@ -140,12 +154,13 @@ impl Lobe {
 /// A sampled direction in the frame of the shading normal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BsdfSample {
+    /// The direction, of length 1.
     pub wo: Vec3,
     /// Value times |cosine|; of a delta lobe the factor on radiance.
     pub f: Vec3,
     /// Solid-angle density; of a delta lobe the probability with which it was chosen.
     pub pdf: f32,
-    pub lobe: Lobe,
+    pub(crate) lobe: Lobe,
     /// The refractive index on the side of `wo` over that on the side of `wi`; 1 for a reflection.
     pub eta: f32,
 }
@@ -153,7 +168,7 @@ pub struct BsdfSample {
 /// Derivatives of a scalar in everything [`Bsdf::eval`] depends on.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BsdfAdjoint {
-    pub directions: DirectionsAdjoint,
+    pub(crate) directions: DirectionsAdjoint,
     /// Derivatives in the inputs by their places ([`MAX_INPUTS`]), of a model in the order of [`MaterialKind::inputs`]. For a scalar input
     /// only `x` is used.
     pub d_values: [Vec3; MAX_INPUTS],
@@ -459,7 +474,7 @@ impl Bsdf {
 
     /// Whether it is rough glass, a body of it or a pane, which has a lobe on each side of the surface.
     #[inline]
-    pub fn is_rough_dielectric(&self) -> bool {
+    pub(crate) fn is_rough_dielectric(&self) -> bool {
         matches!(self, Bsdf::RoughDielectric(_) | Bsdf::RoughPane(_))
     }
 

@@ -31,10 +31,10 @@ use crate::work;
 pub struct Landing {
     /// The surface as the camera sees it.
     pub si: SurfaceInteraction,
-    pub projected: Projected,
+    pub(crate) projected: Projected,
     /// Unit direction to where the light comes from, and its cosine with the geometric normal.
     pub towards: Vec3,
-    pub cosine: f32,
+    pub(crate) cosine: f32,
     /// The distance to the camera.
     pub distance: f32,
     /// f / c.
@@ -43,7 +43,7 @@ pub struct Landing {
     pub pixels_per_area: f32,
     /// The body between surface and camera, and what it does not absorb on that way.
     pub body: Option<u32>,
-    pub attenuation: Vec3,
+    pub(crate) attenuation: Vec3,
 }
 
 impl Landing {
@@ -94,7 +94,7 @@ impl Landing {
         scene.accel.closest(&self.view(), &[self.si.prim]).map(|hit| hit.prim)
     }
 
-    pub fn is_hidden(&self, scene: &Scene) -> bool {
+    pub(crate) fn is_hidden(&self, scene: &Scene) -> bool {
         scene.accel.occluded(&self.view(), &[self.si.prim])
     }
 

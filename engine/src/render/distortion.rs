@@ -11,14 +11,15 @@ use glam::Vec2;
 /// that no ray through those film positions reaches.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Distortion {
+    /// k1, k2, p1, p2 and k3, in this order.
     pub coefficients: [f32; 5],
 }
 
 impl Distortion {
-    pub const NONE: Distortion = Distortion { coefficients: [0.0; 5] };
+    pub(crate) const NONE: Distortion = Distortion { coefficients: [0.0; 5] };
 
     #[inline(always)]
-    pub fn is_none(&self) -> bool {
+    pub(crate) fn is_none(&self) -> bool {
         self.coefficients == [0.0; 5]
     }
 

@@ -64,7 +64,7 @@ pub struct EnvironmentTable {
 /// the receiver, as a radiance in fixed directions.
 #[derive(Clone, Debug)]
 pub struct EnvironmentPeak {
-    pub base: Texture,
+    pub(crate) base: Texture,
     /// Sampling table of the peak.
     pub table: EnvironmentTable,
     /// Mean of the peak over the sphere and its channels.
@@ -155,6 +155,7 @@ fn sliding(values: &[f32], radius: usize, better: Better) -> Vec<f32> {
 }
 
 impl EnvironmentTable {
+    /// A table whose densities follow the luminance of an equirectangular map.
     pub fn new(texture: &Texture) -> EnvironmentTable {
         EnvironmentTable::with_strength(texture, DEFENSIVE_SHARE, |s| s).0
     }

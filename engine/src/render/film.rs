@@ -1,7 +1,5 @@
 //! Images from scenes: radiance, or a property of the first hit, weighed around each pixel by the camera's filter.
 
-#![deny(missing_docs)]
-
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
 

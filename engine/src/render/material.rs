@@ -1,7 +1,5 @@
 //! Materials: the scattering models with their inputs, declared once for the language and the renderer.
 
-#![deny(missing_docs)]
-
 use std::convert::Infallible;
 
 /// Index into a scene's textures.

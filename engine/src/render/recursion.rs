@@ -71,6 +71,7 @@ impl Recursion {
         Recursion { image, tiles }
     }
 
+    /// The estimate of the image at this step.
     pub fn image(&self) -> &Image {
         &self.image
     }

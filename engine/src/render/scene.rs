@@ -1,7 +1,5 @@
 //! What a renderer is given: plain arrays, no language values. `Slot` names every array that may carry a derivative.
 
-#![deny(missing_docs)]
-
 use glam::{DVec3, Mat3, Vec2, Vec3};
 
 use crate::mesh::Mesh;

@@ -23,17 +23,21 @@ pub struct Projected {
 /// Adjoints of a camera's numbers.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct CameraAdjoint {
+    /// Of the origin.
     pub origin: Vec3,
+    /// Of the frame's three axes.
     pub frame: [Vec3; 3],
+    /// Of the scale of the film, across and down.
     pub scale: [f32; 2],
     /// Adjoints of the lens's radius and of its focus distance.
     pub lens: [f32; 2],
+    /// Of the coefficients of the lens's distortion.
     pub distortion: [f32; 5],
 }
 
 impl Camera {
     #[inline(always)]
-    pub fn is_pinhole(&self) -> bool {
+    pub(crate) fn is_pinhole(&self) -> bool {
         self.lens.radius == 0.0
     }
 

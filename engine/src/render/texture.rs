@@ -1,7 +1,5 @@
 //! Bitmap textures with nearest, bilinear or trilinear lookup (in a mip map), and their derivatives in the texels and in uv.
 
-#![deny(missing_docs)]
-
 use std::borrow::Cow;
 use std::sync::Arc;
 

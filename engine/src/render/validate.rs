@@ -1,7 +1,5 @@
 //! Validates scenes and cameras before anything is built from them.
 
-#![deny(missing_docs)]
-
 use glam::{Vec2, Vec3};
 
 use super::material::{Input, MaterialKind};

@@ -1,7 +1,5 @@
 //! A scene made ready for rendering: flattened triangles, ray tree, light table.
 
-#![deny(missing_docs)]
-
 use std::ops::Deref;
 use std::sync::{Arc, OnceLock};
 

@@ -23,13 +23,14 @@ pub type Barycentric = [f64; 2];
 /// The position from which a mirror is seen.
 #[derive(Clone, Copy, Debug)]
 pub enum Eye {
+    /// A point of the world: of a pinhole or of a lens's middle.
     Point(DVec3),
     /// Infinitely far away in this direction.
     Direction(DVec3),
 }
 
 impl Eye {
-    pub fn of(camera: &Camera) -> Eye {
+    pub(crate) fn of(camera: &Camera) -> Eye {
         let (origin, [_, _, forward]) = camera.pinhole();
         if camera.is_central() { Eye::Point(origin.as_dvec3()) } else { Eye::Direction(-forward.as_dvec3()) }
     }
@@ -61,6 +62,7 @@ pub struct MirrorPatch {
 }
 
 impl MirrorPatch {
+    /// A triangle of a mirror as the eye sees it; `folded` takes directions that are folded up at its plane.
     pub fn new(scene: &Scene, prim: PrimId, eye: Eye, folded: bool) -> MirrorPatch {
         let id = scene.prims[prim as usize];
         let mesh = &scene.description.shapes[id.shape as usize].mesh;
@@ -322,7 +324,7 @@ struct Mirrored {
 /// A point of a mirror that shows a point of a segment.
 #[derive(Clone, Copy, Debug)]
 pub struct SegmentImage {
-    pub place: Barycentric,
+    pub(crate) place: Barycentric,
     /// Parameter of the point on the segment.
     pub s: f64,
 }
@@ -459,8 +461,8 @@ pub struct MirrorTree {
 /// A triangle of a mirror.
 #[derive(Clone, Debug)]
 pub struct MirrorTriangle {
-    pub prim: PrimId,
-    pub folded: bool,
+    pub(crate) prim: PrimId,
+    pub(crate) folded: bool,
     /// The patch as seen from the camera.
     pub patch: MirrorPatch,
     /// Triangles that it cannot show to the camera, because they belong to the same convex body.
@@ -599,7 +601,7 @@ impl MirrorTree {
         self.build(right, start + middle, cones);
     }
 
-    pub fn triangles(&self) -> &[MirrorTriangle] {
+    pub(crate) fn triangles(&self) -> &[MirrorTriangle] {
         &self.triangles
     }
 
@@ -681,7 +683,7 @@ impl MirrorTree {
         }
     }
 
-    pub fn slack(&self) -> f64 {
+    pub(crate) fn slack(&self) -> f64 {
         self.slack
     }
 }

@@ -25,8 +25,8 @@ const MAX_MIRROR_PLANES: usize = 32;
 /// A plane of mirror triangles: n·x = c.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MirrorPlane {
-    pub n: Vec3,
-    pub c: f32,
+    pub(crate) n: Vec3,
+    pub(crate) c: f32,
 }
 
 impl MirrorPlane {
@@ -45,7 +45,7 @@ impl MirrorPlane {
         self.n.dot(p) - self.c
     }
 
-    pub fn contains(&self, n: Vec3, p: Vec3, scale: f32) -> bool {
+    pub(crate) fn contains(&self, n: Vec3, p: Vec3, scale: f32) -> bool {
         n.dot(self.n).abs() > 1.0 - 1e-6 && (self.n.dot(p) - self.c).abs() < 1e-5 * scale
     }
 }
@@ -73,7 +73,7 @@ pub struct Mirrors {
 /// A shape that is a curved mirror.
 #[derive(Clone, Debug)]
 pub struct CurvedMirror {
-    pub prims: Range<PrimId>,
+    pub(crate) prims: Range<PrimId>,
     /// It is the surface of a convex body: seen from outside it cannot show itself, and faces that are turned away are not visible.
     pub convex: bool,
 }
@@ -88,6 +88,7 @@ impl Mirrors {
         }
     }
 
+    /// The mirrors of a scene. Those that a requested slot may bend count as curved, whether or not they are planes now.
     pub fn new(scene: &Scene, layout: &Layout) -> Mirrors {
         let mut mirrors = Mirrors::default();
         let mut first = 0;
@@ -188,21 +189,21 @@ fn is_flat_shaded(scene: &Scene, prim: PrimId) -> bool {
 /// The camera, through one point of its lens: directly, or reflected in one mirror.
 #[derive(Clone, Copy)]
 pub struct Viewpoint<'a> {
-    pub scene: &'a Scene,
-    pub camera: Camera,
-    pub mirror: Option<MirrorPlane>,
+    pub(crate) scene: &'a Scene,
+    pub(crate) camera: Camera,
+    pub(crate) mirror: Option<MirrorPlane>,
 }
 
 /// A connection from the camera to a point of the scene, directly or by a flat mirror.
 #[derive(Clone, Copy, Debug)]
 pub struct CameraConnection {
-    pub projected: Projected,
+    pub(crate) projected: Projected,
     /// The mirror vertex of the connection, and its distance from the camera.
     pub mirror: Option<(SurfaceInteraction, f32)>,
     /// Start of the last segment (camera or mirror) and unit direction from there.
     pub origin: Vec3,
-    pub dir: Vec3,
-    pub distance: f32,
+    pub(crate) dir: Vec3,
+    pub(crate) distance: f32,
     /// Reflectance of the mirror times the transmittance of masks, and times what a body leaves of light on the way to the mirror.
     pub throughput: Vec3,
 }
@@ -236,7 +237,7 @@ impl<'a> Viewpoint<'a> {
         (self.mirror.map_or(-back, |m| m.reflect(-back)), distance)
     }
 
-    pub fn direction_to(&self, p: Vec3) -> Vec3 {
+    pub(crate) fn direction_to(&self, p: Vec3) -> Vec3 {
         self.first_direction_to(p).0
     }
 

@@ -55,16 +55,16 @@ pub fn typical_bounces(max_bounces: u32) -> f64 {
 /// One value for each term of a derivative that is estimated by random samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Terms<T> {
-    pub primary: T,
-    pub interior: T,
-    pub shadow: T,
-    pub secondary: T,
-    pub reflections: T,
-    pub seen_through: T,
-    pub roughness: T,
-    pub caustics: T,
-    pub caustic_edges: T,
-    pub caustic_rims: T,
+    pub(crate) primary: T,
+    pub(crate) interior: T,
+    pub(crate) shadow: T,
+    pub(crate) secondary: T,
+    pub(crate) reflections: T,
+    pub(crate) seen_through: T,
+    pub(crate) roughness: T,
+    pub(crate) caustics: T,
+    pub(crate) caustic_edges: T,
+    pub(crate) caustic_rims: T,
 }
 
 impl<T> Terms<T> {
@@ -106,6 +106,7 @@ pub struct Moments {
 }
 
 impl<'a> PilotRuns<'a> {
+    /// Pilot runs for an adjoint image. The budget allows estimators the fraction `effort` of their own numbers of samples.
     pub fn new(scene: &'a Scene, layout: &'a Layout, adjoint: &'a Image, effort: f64, seed: u64) -> Self {
         PilotRuns { scene, layout, adjoint, effort, seed: hash(seed, 0x0073_686f_7274) }
     }

@@ -108,13 +108,14 @@ pub struct Query {
 /// A point on an edge chosen for a shading point.
 #[derive(Clone, Copy, Debug)]
 pub struct EdgePoint {
-    pub edge: usize,
-    pub s: f32,
+    pub(crate) edge: usize,
+    pub(crate) s: f32,
     /// Density per unit length; see [`EdgeTree::sample`].
     pub pdf: f32,
 }
 
 impl Query {
+    /// What a surface point with its material asks of the tree.
     pub fn new(si: &SurfaceInteraction) -> Query {
         let ([diffuse, specular], alpha) = (si.bsdf.lobe_albedos(si.ns.dot(si.wi)), si.bsdf.roughness_alpha());
         let lobe = alpha.map(|alpha| Lobe::new(alpha, si.ns, si.wi));
@@ -206,6 +207,7 @@ struct Candidate {
 }
 
 impl EdgeTree {
+    /// A tree over all edges of a scene.
     pub fn new(scene: &Scene) -> EdgeTree {
         EdgeTree::of(scene, (0..scene.edges().edges.len() as u32).collect())
     }

@@ -37,14 +37,18 @@ const REMEMBERED: usize = 16;
 /// The problem for which a guide is trained with pilot samples.
 #[derive(Clone, Copy)]
 pub struct GuideTraining<'a> {
+    /// The scene.
     pub scene: &'a Scene,
+    /// The requested slots.
     pub layout: &'a Layout,
+    /// The adjoint image.
     pub adjoint: &'a Image,
     /// Moments from earlier steps of an optimisation; `None` outside of one.
     pub guides: Option<&'a GuideCache>,
     /// The fraction of their own numbers of samples that the budget allows estimators
     /// ([`affordable`](crate::grad::sampling::allocate::affordable)).
     pub effort: f64,
+    /// The seed from which the random numbers of pilots follow.
     pub seed: u64,
 }
 
@@ -64,10 +68,15 @@ impl GuideTraining<'_> {
 /// Which estimator a guide is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum GuideKey {
+    /// Shadows of what lights send, and of that part of an environment.
     Shadows(MovingEnvironment),
+    /// What passes behind edges for other vertices than the camera's, with the rest of an environment.
     Secondary(MovingEnvironment),
+    /// Caustics, as points of the film see them.
     Caustics,
+    /// Edges that caustics show.
     CausticEdges,
+    /// Edges at which what makes a caustic ends.
     CausticRims,
 }
 

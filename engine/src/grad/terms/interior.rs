@@ -30,6 +30,7 @@ pub struct Interior<'a> {
     mask_sampling: MaskSampling,
     area_sampling_fraction: f32,
     required_shapes: Option<Vec<bool>>,
+    /// What is taken as fixed while a path is differentiated.
     pub detached: Detached,
 }
 

@@ -53,6 +53,7 @@ pub enum Accumulator<'a> {
     Rows(&'a mut Rows),
     /// Forward mode along one direction, and along several.
     Direction(&'a [f32], &'a mut Images),
+    /// Forward mode along several directions at once.
     Directions(&'a Tangents, &'a mut Images),
 }
 
@@ -79,13 +80,13 @@ impl Accumulator<'_> {
 
 /// The problem: scene, camera, settings, requested slots and the adjoint image.
 pub struct Request<'a> {
-    pub scene: &'a Scene,
-    pub camera: &'a Camera,
-    pub settings: &'a Settings,
-    pub layout: &'a Layout,
+    pub(crate) scene: &'a Scene,
+    pub(crate) camera: &'a Camera,
+    pub(crate) settings: &'a Settings,
+    pub(crate) layout: &'a Layout,
     /// The adjoint image. The sampling density follows its magnitude.
     pub adjoint: &'a Image,
-    pub guides: Option<&'a GuideCache>,
+    pub(crate) guides: Option<&'a GuideCache>,
     /// After this is set samples may be left out, and the result is meaningless.
     pub stop: &'a AtomicBool,
 }

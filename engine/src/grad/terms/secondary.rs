@@ -69,25 +69,25 @@ pub struct Secondary<'a> {
 pub struct SecondarySample {
     /// Index of the path vertex x.
     pub vertex: usize,
-    pub edge: usize,
-    pub foreground: usize,
-    pub s: f32,
+    pub(crate) edge: usize,
+    pub(crate) foreground: usize,
+    pub(crate) s: f32,
     /// The edge point.
     pub p: Vec3,
     /// Normal from the covering to the uncovered side of the edge as x sees it (in the mirror, if there is one).
     pub normal: Vec3,
-    pub mirror: Option<MirrorVertex>,
-    pub weight: Vec3,
+    pub(crate) mirror: Option<MirrorVertex>,
+    pub(crate) weight: Vec3,
     /// The fraction of the weight whose direction is attached, with that direction and the distance of the edge along it.
     pub attached: Vec3,
-    pub dir: Vec3,
-    pub distance: f32,
+    pub(crate) dir: Vec3,
+    pub(crate) distance: f32,
 }
 
 /// The vertex on a mirror between a path vertex and an edge.
 #[derive(Clone, Copy, Debug)]
 pub struct MirrorVertex {
-    pub si: SurfaceInteraction,
+    pub(crate) si: SurfaceInteraction,
     /// For a curved mirror: its distance from the path vertex, and that of the edge from it.
     pub curved: Option<[f32; 2]>,
 }

@@ -75,6 +75,7 @@ pub struct Shadows<'a> {
 }
 
 impl<'a> Shadows<'a> {
+    /// The shadows in the view of some viewpoints, over `count` samples. `curved` are mirrors that bend what they show, `tree` all edges.
     pub fn new(
         scene: &'a Scene,
         environment: MovingEnvironment,

@@ -33,13 +33,18 @@ const REBUILD_RATIO: f32 = 1.3;
 /// A ray query. `dir` is a unit vector. Only hits with `t_min` ≤ t < `t_max` count; `t_min` is not negative.
 #[derive(Clone, Copy, Debug)]
 pub struct Ray {
+    /// Where it begins.
     pub origin: Vec3,
+    /// Where it goes, of length 1.
     pub dir: Vec3,
+    /// The least distance at which a hit counts.
     pub t_min: f32,
+    /// The distance from which on no hit counts.
     pub t_max: f32,
 }
 
 impl Ray {
+    /// A ray of endless length that begins at `origin`; `dir` is a unit vector.
     pub fn new(origin: Vec3, dir: Vec3) -> Ray {
         Ray { origin, dir, t_min: 0.0, t_max: f32::INFINITY }
     }
@@ -48,7 +53,9 @@ impl Ray {
 /// A hit of a ray with a triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
+    /// Its distance along the ray.
     pub t: f32,
+    /// The triangle that was hit.
     pub prim: PrimId,
     /// Barycentric coordinates of the triangle's three vertices.
     pub b: [f32; 3],

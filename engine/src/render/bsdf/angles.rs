@@ -40,9 +40,9 @@ pub struct AnglesAdjoint {
 /// perpendicular to each unit vector are meaningful.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DirectionsAdjoint {
-    pub n: Vec3,
-    pub wi: Vec3,
-    pub wo: Vec3,
+    pub(crate) n: Vec3,
+    pub(crate) wi: Vec3,
+    pub(crate) wo: Vec3,
 }
 
 impl std::ops::Add for AnglesAdjoint {
@@ -55,7 +55,7 @@ impl std::ops::Add for AnglesAdjoint {
 }
 
 impl DirectionsAdjoint {
-    pub fn add(&mut self, other: &DirectionsAdjoint) {
+    pub(crate) fn add(&mut self, other: &DirectionsAdjoint) {
         self.n += other.n;
         self.wi += other.wi;
         self.wo += other.wo;

@@ -12,10 +12,10 @@ use glam::Vec3;
 /// The interface of a body with the refractive index `ior`, relative to what is around it, or a pane of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Dielectric {
-    pub ior: f32,
+    pub(crate) ior: f32,
     /// The share of the transmitted light that is not absorbed.
     pub tint: Vec3,
-    pub is_pane: bool,
+    pub(crate) is_pane: bool,
 }
 
 /// The range of refractive indices.

@@ -52,8 +52,8 @@ pub struct FollowedAdjoint {
     pub h: Vec3,
     /// Of `wi`, mirrored to the front.
     pub wi: Vec3,
-    pub ior: f32,
-    pub roughness: f32,
+    pub(crate) ior: f32,
+    pub(crate) roughness: f32,
 }
 
 impl RoughDielectric {
@@ -77,7 +77,7 @@ impl RoughDielectric {
         if self.outside { d_eta } else { -d_eta / (self.ior * self.ior) }
     }
 
-    pub fn alpha(&self) -> f32 {
+    pub(crate) fn alpha(&self) -> f32 {
         self.facets().alpha()
     }
 

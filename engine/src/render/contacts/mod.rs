@@ -2,4 +2,3 @@
 
 mod build;
 pub mod table;
-

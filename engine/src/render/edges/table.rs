@@ -19,7 +19,7 @@ pub const SMOOTH_CREASE: f32 = 0.05;
 /// A face at an edge, or one half of a face that the edge cuts in two.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EdgeFace {
-    pub prim: PrimId,
+    pub(crate) prim: PrimId,
     /// Barycentric coordinates of the edge's start and end.
     pub ends: [[f32; 3]; 2],
     /// Index of a corner that is not on the edge: for a mesh edge the third corner, for a crossing the corner of this half that is farthest
@@ -40,7 +40,9 @@ impl EdgeFace {
 /// The side that a face is taken to show to a viewer in its plane.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum EdgeOn {
+    /// The side to which its normal points.
     Front,
+    /// The other side.
     Back,
 }
 
@@ -54,8 +56,8 @@ const ROUNDING: f32 = 1e-6;
 /// An undirected edge.
 #[derive(Clone, Debug)]
 pub struct Edge {
-    pub p: [Vec3; 2],
-    pub faces: Vec<EdgeFace>,
+    pub(crate) p: [Vec3; 2],
+    pub(crate) faces: Vec<EdgeFace>,
     /// The edge is a crossing: two surfaces intersect there. Its faces are the two halves of the one surface and then the two halves of the
     /// other; of a surface that ends there, only one half, last. It is a crease from every viewpoint, and its points stay in the planes
     /// of both surfaces.
@@ -106,12 +108,12 @@ struct FacePosition {
 }
 
 impl Edge {
-    pub fn length(&self) -> f32 {
+    pub(crate) fn length(&self) -> f32 {
         self.p[0].distance(self.p[1])
     }
 
     #[inline]
-    pub fn point(&self, s: f32) -> Vec3 {
+    pub(crate) fn point(&self, s: f32) -> Vec3 {
         self.p[0].lerp(self.p[1], s)
     }
 
@@ -284,7 +286,7 @@ impl Edge {
 
 /// All edges of a scene.
 pub struct EdgeTable {
-    pub edges: Vec<Edge>,
+    pub(crate) edges: Vec<Edge>,
     /// Pairs of coplanar emitters whose common edge is not in the table, because nothing is discontinuous there.
     pub flat_emitters: Vec<[PrimId; 2]>,
 }
@@ -292,6 +294,7 @@ pub struct EdgeTable {
 /// Which edges between faces that join smoothly are in the table, besides those at which radiance may be discontinuous.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Seams {
+    /// None of them.
     None,
     /// Edges between shapes, and edges at which texture coordinates are discontinuous, whether or not a material depends on them: for
     /// output channels that show shapes or texture coordinates.
