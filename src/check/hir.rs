@@ -53,7 +53,7 @@ pub struct Origin {
     pub overrides: Vec<(String, crate::source::SourceId)>,
     /// Lines typed in the REPL, in order.
     pub lines: Vec<crate::source::SourceId>,
-    /// Those among them whose declaration has a value that is given, not computed, with its type ([`super::check_given`]).
+    /// Those among them whose declaration has a value that is given, not computed, with its type (`check::check_given`).
     pub given: HashMap<crate::source::SourceId, Ty>,
 }
 
@@ -716,7 +716,7 @@ pub struct Sweep {
     pub(crate) span: Span,
 }
 
-/// A variable of a sweep: a declaration with the values that replace its own, or [`super::SEED`], the seed of the run as well.
+/// A variable of a sweep: a declaration with the values that replace its own, or `seed`, the seed of the run as well.
 #[derive(Clone, Debug)]
 pub struct Axis {
     pub(crate) name: String,
@@ -740,7 +740,7 @@ pub struct Optimize {
     pub loss: Expr,
     /// The loss as the user wrote it.
     pub name: String,
-    /// `None`: every param that reaches the loss and is not frozen ([`super::reaching_params`]).
+    /// `None`: every param that reaches the loss and is not frozen (`check::flow::reaching_params`).
     pub over: Option<Vec<(Target, Span)>>,
     /// Of type optimizer; evaluated at each step (rates may depend on `step` and `progress`).
     pub using: Option<Expr>,

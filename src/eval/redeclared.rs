@@ -85,7 +85,7 @@ impl Engine {
         self.restore(state)
     }
 
-    /// Gives a declaration its value, which nothing changes from then on ([`crate::check::check_given`]).
+    /// Gives a declaration its value, which nothing changes from then on (`check::check_given`).
     pub fn give(&mut self, id: DeclId, value: Value) {
         self.worlds[0].overrides.push((Target { decl: id, path: Vec::new() }, value));
         self.forget_users_of(vec![id]);

@@ -167,7 +167,7 @@ pub struct StepReport {
     /// Wall time of value, derivative and update.
     pub seconds: f64,
     pub(crate) phases: Phases,
-    /// The small params at which the loss was taken ([`LOGGED_NUMBERS`]): name, shape, numbers.
+    /// The small params at which the loss was taken (`LOGGED_NUMBERS`): name, shape, numbers.
     pub params: Vec<(String, Vec<usize>, Vec<f64>)>,
     /// What the log has of the others: by name.
     pub ranges: Vec<(String, Range)>,

@@ -35,7 +35,7 @@ pub enum Flow {
     Continue,
     /// No: the user wants to stop.
     Interrupted,
-    /// The rest of the run is not worth its time ([`Judge`]).
+    /// The rest of the run is not worth its time (`sweep::Judge`).
     Pruned,
 }
 

@@ -22,14 +22,15 @@ impl Frame {
         }
     }
 
-    /// A vector of the frame in the coordinates in which the frame is given.
+    /// A vector in the frame's coordinates, in those in which the frame is given.
     #[inline]
     pub fn to_world(&self, v: Vec3) -> Vec3 {
         self.tangent * v.x + self.bitangent * v.y + self.normal * v.z
     }
 
+    /// A vector in the coordinates in which the frame is given, in the frame's.
     #[inline]
-    pub(crate) fn to_local(&self, v: Vec3) -> Vec3 {
+    pub fn to_local(&self, v: Vec3) -> Vec3 {
         Vec3::new(self.tangent.dot(v), self.bitangent.dot(v), self.normal.dot(v))
     }
 }

@@ -617,7 +617,7 @@ impl Bsdf {
     }
 
     /// Samples a direction in the frame of the shading normal (+z), in which the grain has its axes as well. `u[2]` chooses the lobe of a mixture. Delta lobes have no samples here:
-    /// [`SurfaceInteraction::sample`](super::interaction::SurfaceInteraction::sample) knows their directions.
+    /// `SurfaceInteraction::sample` knows their directions.
     pub fn sample(&self, wi: Vec3, u: [f32; 3]) -> Option<BsdfSample> {
         let wi = Vec3::new(wi.x, wi.y, wi.z.abs());
         let square = [u[0], u[1]];

@@ -1,7 +1,7 @@
 //! Light tracing: what points, spots and suns send by way of mirrors and smooth glass to the surfaces that the camera sees.
 //!
-//! A path starts at a point of a light's film ([`super::light_film`]) with the light's power per pixel of that film, follows a chain of specular
-//! surfaces ([`super::specular`]) to the first one that scatters, and is connected from there to the camera. What a surface with the BSDF f
+//! A path starts at a point of a light's film (`render::light_film`) with the light's power per pixel of that film, follows a chain of specular
+//! surfaces (`render::specular`) to the first one that scatters, and is connected from there to the camera. What a surface with the BSDF f
 //! (cosine of the incident light included) sends to the camera of a power Φ that arrives under the cosine c is f/c Φ per area and steradian,
 //! and a pixel sees it as h(u) P f/c Φ: with the pixel's filter h at the film position u, and P pixels of film per area (Veach 1997, §4.5 and §10.3).
 //! No path from the camera finds this light, as no ray meets a light without area.

@@ -30,7 +30,8 @@ pub enum Eye {
 }
 
 impl Eye {
-    pub(crate) fn of(camera: &Camera) -> Eye {
+    /// A pinhole, or the middle of a lens; for an orthographic camera the direction to it.
+    pub fn of(camera: &Camera) -> Eye {
         let (origin, [_, _, forward]) = camera.pinhole();
         if camera.is_central() { Eye::Point(origin.as_dvec3()) } else { Eye::Direction(-forward.as_dvec3()) }
     }

@@ -1,4 +1,4 @@
-//! The interior term: camera paths, which are recorded side by side and swept backwards one after the other ([`crate::grad::path`]).
+//! The interior term: camera paths, which are recorded side by side and swept backwards one after the other (`grad::path`).
 
 use std::ops::Range;
 

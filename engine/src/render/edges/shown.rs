@@ -15,7 +15,7 @@ impl Edge {
     }
 
     /// Whether the reflection is continuous across an edge between smoothly shaded mirrors, at its point `s` and seen from the direction
-    /// `back`: the mirrored direction is not folded up on either side ([`SurfaceInteraction::mirrored`]).
+    /// `back`: the mirrored direction is not folded up on either side (`SurfaceInteraction::mirrored`).
     pub fn specular_alike(&self, scene: &Scene, s: f32, back: Vec3) -> bool {
         !self.sharp
             && (0..self.faces.len()).all(|i| {
