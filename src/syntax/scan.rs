@@ -243,10 +243,8 @@ impl Lexer<'_> {
         let word = &rest[..rest.find(|c| !is_letter(c)).unwrap_or(rest.len())];
         self.at = first + word.len();
         self.push(TokenKind::Word, first);
-        self.letters.extend(word.char_indices().filter(|(_, c)| !c.is_ascii()).map(|(i, c)| {
-            let at = first + i;
-            (at, at + c.len_utf8())
-        }));
+        let letters = word.char_indices().filter(|(_, c)| !c.is_ascii());
+        self.letters.extend(letters.map(|(i, c)| (first + i, first + i + c.len_utf8())));
         if !self.foreign.contains(&word) {
             self.foreign.push(word);
             let help = match word {
