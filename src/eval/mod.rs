@@ -133,7 +133,7 @@ pub struct ParamInfo {
 /// Counts of the work done, for tests.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Statistics {
-    /// Renderings, those for derivatives included.
+    /// Images that were rendered.
     pub renders: u64,
     /// Samples drawn, of pixels of images that params reach and of their derivatives.
     pub samples: u64,
@@ -143,15 +143,15 @@ pub struct Statistics {
     pub declarations: u64,
     /// Wall time of evaluating what is differentiated, and of its derivatives.
     pub values_took: Duration,
-    /// Of these two: the derivatives.
+    /// Wall time of the derivatives alone.
     pub derivatives_took: Duration,
     /// Of the time of values, what was none of the following.
     pub losses_took: Duration,
     /// Wall time of reading files, of building scenes with their ray trees, and of rendering.
     pub loads_took: Duration,
-    /// Of these three: building scenes.
+    /// Wall time of building scenes.
     pub scenes_took: Duration,
-    /// Of these three: rendering.
+    /// Wall time of rendering.
     pub renders_took: Duration,
 }
 

@@ -19,7 +19,7 @@ const ROOM: usize = 1 << 25;
 pub struct Residuals {
     /// The loss itself.
     pub loss: f64,
-    /// The residuals r, each with the root of its weight.
+    /// The residuals r, each times the root of its weight.
     pub values: Vec<f64>,
     nodes: Vec<Var>,
     /// Roots of weights.

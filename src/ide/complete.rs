@@ -68,7 +68,7 @@ impl Completion {
 pub struct Completions {
     /// Where what is replaced begins; it ends at the cursor.
     pub start: usize,
-    /// What may be written there, the likeliest first.
+    /// What may be written there.
     pub items: Vec<Completion>,
 }
 

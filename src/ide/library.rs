@@ -27,7 +27,7 @@ pub struct Entry {
     pub head: String,
     /// Without its example.
     pub text: String,
-    /// An expression that may be evaluated as it is; empty if there is none.
+    /// Expressions that may be evaluated as they are, a line each; empty if there are none.
     pub example: String,
 }
 

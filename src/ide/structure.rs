@@ -91,9 +91,9 @@ fn of_statement(known: &Understanding, module: usize, statement: &ast::Statement
 /// What may be folded: from the end of the first line to the last one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Fold {
-    /// The byte where the first line of it begins to count.
+    /// The byte where it begins: an opening bracket, or a comment.
     pub start: usize,
-    /// The byte after its last one.
+    /// The byte where it ends: the closing bracket, or the end of the last comment.
     pub end: usize,
     /// Whether it is a comment.
     pub is_comment: bool,

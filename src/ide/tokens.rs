@@ -12,7 +12,7 @@ use crate::syntax::is_reserved;
 pub enum Class {
     /// A comment.
     Comment,
-    /// A text in quotes, with what stands in its braces left out.
+    /// A text in quotes.
     String,
     /// A number with its unit, or a colour.
     Number,

@@ -33,7 +33,7 @@ pub struct Measurement {
     pub value: Moments,
     /// Mean times over the repeats of one evaluation of the value, and of the value with its derivative.
     pub primal: Elapsed,
-    /// See above: of the value with its derivative.
+    /// Mean times of the value with its derivative.
     pub gradient: Elapsed,
     /// The derivatives, param by param.
     pub wrt: Vec<MeasuredParam>,

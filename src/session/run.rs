@@ -31,9 +31,9 @@ use crate::source::Span;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[must_use]
 pub enum Flow {
-    /// Yes.
+    /// The next action may begin.
     Continue,
-    /// No: the user wants to stop.
+    /// The user wants to stop.
     Interrupted,
     /// The rest of the run is not worth its time (`sweep::Judge`).
     Pruned,

@@ -16,7 +16,7 @@ pub struct Progress<'a> {
     pub name: &'a str,
     /// Number of steps done, and total number of steps.
     pub done: u64,
-    /// See `done`.
+    /// Steps that there will be if nothing ends the optimisation before.
     pub total: u64,
     /// The loss at the last step.
     pub loss: f64,

@@ -155,7 +155,7 @@ fn sliding(values: &[f32], radius: usize, better: Better) -> Vec<f32> {
 }
 
 impl EnvironmentTable {
-    /// A table whose densities follow the luminance of an equirectangular map.
+    /// A table of an equirectangular map. Its density follows the mean of the channels' magnitudes, mixed with a uniform one.
     pub fn new(texture: &Texture) -> EnvironmentTable {
         EnvironmentTable::with_strength(texture, DEFENSIVE_SHARE, |s| s).0
     }
