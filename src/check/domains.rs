@@ -23,8 +23,9 @@ pub struct Reached {
     pub is_steep: bool,
     /// The part of the param that is passed.
     pub part: Part,
-    /// `conductor` and `roughness`.
+    /// The function whose input it is, such as `conductor`.
     pub function: String,
+    /// The input's name, such as `roughness`.
     pub argument: String,
 }
 

@@ -56,8 +56,8 @@ use std::sync::Arc;
 use crate::diag::{self, Diagnostic};
 use crate::source::{SourceId, SourceMap};
 
-pub use domains::kept_inside;
-pub(crate) use domains::{Reached, domain_of_field, domains};
+pub(crate) use domains::domain_of_field;
+pub use domains::{Reached, domains, kept_inside};
 pub(crate) use fields::{field_type, fields_of, type_of};
 pub(crate) use flow::{children, walk};
 pub(crate) use known::READERS;

@@ -144,6 +144,11 @@ impl<K: Hash + Eq, V> SharedMap<K, V> {
     pub fn len(&self) -> usize {
         self.len
     }
+
+    /// Whether it has none.
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
 }
 
 impl<K: Hash + Eq + Clone, V: Clone> SharedMap<K, V> {

@@ -166,7 +166,7 @@ mod tests {
         let wo = reflect(wi, pane.facets().sample(wi, [a, b])).filter(|wo| wo.z > 0.05 && (wi + *wo).length() > 0.1)?;
         let flip = |v: Vec3, flips: bool| if flips { v.with_z(-v.z) } else { v };
         let turn = Quat::from_axis_angle(Vec3::new(a - 0.5, b - 0.5, c - 0.5).normalize(), 7.0 * c);
-        Some((pane, [Vec3::Z, flip(wi, i % 7 == 0), flip(wo, i % 4 < 2)].map(|v| (turn * v).normalize())))
+        Some((pane, [Vec3::Z, flip(wi, i.is_multiple_of(7)), flip(wo, i % 4 < 2)].map(|v| (turn * v).normalize())))
     }
 
     #[test]
