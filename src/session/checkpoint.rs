@@ -110,11 +110,15 @@ impl Schedule {
 impl Checkpoint {
     /// The checkpoint of a new run, before its first action.
     pub fn first(engine: &Engine, settings: RunSettings, folder: &mut RunFolder) -> Result<Checkpoint, Diagnostic> {
+        Ok(Checkpoint { start: engine.state(), ..Checkpoint::stateless(engine, settings, folder)? })
+    }
+
+    fn stateless(engine: &Engine, settings: RunSettings, folder: &mut RunFolder) -> Result<Checkpoint, Diagnostic> {
         Ok(Checkpoint {
             settings,
             action: 0,
             finished: false,
-            start: engine.state(),
+            start: EngineState::default(),
             optimizing: None,
             report: RunReport::default(),
             curves: Curves::default(),
@@ -332,17 +336,21 @@ impl Runner<'_> {
         // Stored relative to the run folder, which may be moved.
         let relative = |path: &PathBuf| path.strip_prefix(folder.path()).unwrap_or(path).to_path_buf();
         let saved = self.report.saved.iter().map(relative).collect();
+        let stateless = Checkpoint::stateless(self.engine, schedule.settings.clone(), folder)?;
+        // States may be large: that of the action's start is lent.
         let checkpoint = Checkpoint {
             action: self.current,
             finished,
-            start: self.start.clone(),
+            start: std::mem::take(&mut self.start),
             optimizing: within.map(|o| Optimizing { engine: self.engine.state(), optimization: o.state() }),
             report: RunReport { saved, seconds, ..self.report.clone() },
             curves: self.curves.clone(),
             histories: self.histories.clone(),
             targets: self.notes.targets.clone(),
-            ..Checkpoint::first(self.engine, schedule.settings.clone(), folder)?
+            ..stateless
         };
-        checkpoint.write(folder.path())
+        let written = checkpoint.write(folder.path());
+        self.start = checkpoint.start;
+        written
     }
 }

@@ -160,7 +160,7 @@ fn the_scripts_themselves_are_right() {
     }
 }
 
-/// A size that is whole is told to be too large, not that it should be whole.
+/// A size that is whole is told to be too large, not that it should be whole: before the run, or by the run that alone knows it.
 #[test]
 fn sizes_beyond_the_limit_are_told_as_such() {
     for (shape, said) in [
@@ -169,7 +169,10 @@ fn sizes_beyond_the_limit_are_told_as_such() {
         ("1e30", "more than"),
         ("[0, 1e30]", "more than"),
     ] {
-        let checked = check::check_text("sizes", None, format!("let a = uniform({shape})"), &[], &Disk);
+        let told = check::check_text("sizes", None, format!("let a = uniform({shape})"), &[], &Disk).diagnostics;
+        assert!(told.iter().any(|told| told.is_error() && told.message.contains(said)), "{shape}: {told:?}");
+        let late = format!("let a = uniform({shape} + 0 * noise([1])[0])");
+        let checked = check::check_text("sizes", None, late, &[], &Disk);
         let program = checked.program.expect("it is known when it runs");
         let mut engine = Engine::new(program, EngineOptions::default());
         let id = engine.program().find("a").expect("declared");
