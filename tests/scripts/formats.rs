@@ -93,6 +93,8 @@ const ROWS: &[[&str; 4]] = &[
     ],
     ["Scale 1 2 1", "Scale", "let NAME = scale(…, [1, 2, 1])", "let m = scale(cube(), [1, 2, 1])"],
     ["let a = 1\nWorldBegin\nlet b = a", "WorldBegin", "", "let a = 1\nlet b = a"],
+    // OBJ.
+    ["v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf 1/1/1 2/1/1 3/1/1", "v", "mesh NAME = load(\"….obj\")", ""],
     // GLSL.
     ["#version 330", "#", "", ""],
     ["#define N 3", "#", "let N = 3", "let N = 3"],

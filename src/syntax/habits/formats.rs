@@ -1,5 +1,5 @@
-//! Statements of scene formats and shading languages: Mitsuba's XML, the directives of PBRT, declarations of GLSL. Which one it is, and
-//! what to type for it.
+//! Statements of scene formats and shading languages: Mitsuba's XML, the directives of PBRT, lines of OBJ files, declarations of GLSL.
+//! Which one it is, and what to type for it.
 
 use super::leading_word;
 use crate::syntax::scan::is_directive;
@@ -26,6 +26,8 @@ pub fn find(text: &str) -> Option<Foreign> {
             let behind = rest.get(word.len()..)?.trim();
             if is_directive(word) && is_arguments(behind) {
                 ("PBRT", word.len(), directive(word, behind))
+            } else if is_of_mesh(word, behind) {
+                ("OBJ", word.len(), "a mesh in a file is loaded: `mesh NAME = load(\"….obj\")`".to_owned())
             } else {
                 ("GLSL", word.len(), shading(word, behind)?)
             }
@@ -43,6 +45,13 @@ fn is_arguments(text: &str) -> bool {
     text.is_empty()
         || text.starts_with(|c: char| c.is_ascii_digit() || c == '"' || c == '-' || c.is_ascii_uppercase())
         || text.starts_with('[') && !text.contains('=')
+}
+
+/// Whether a line is one of an OBJ file: `v 0 1 0`, `f 1/1 2/2 3/3`.
+fn is_of_mesh(word: &str, behind: &str) -> bool {
+    let numbers = behind.lines().next().unwrap_or("").split_whitespace();
+    let is_number = |word: &str| word.split('/').all(|part| part.is_empty() || part.parse::<f64>().is_ok());
+    matches!(word, "v" | "vn" | "vt" | "f") && numbers.clone().count() > 1 && numbers.into_iter().all(is_number)
 }
 
 /// The help for an element of XML, by the first one within that says something.
