@@ -294,7 +294,8 @@ impl Row {
     }
 
     fn check(&self) {
-        let h = if self.view == View::Ball { 0.005 } else { 0.01 };
+        // What hides a point of light from a pane throws a sharp shadow on it, within a highlight that is narrow.
+        let h = if matches!(self.view, View::Ball | View::PaneScreen) { 0.005 } else { 0.01 };
         // An eye that moves sees much the same, and what is scattered widely hardly moves as the plate turns.
         let least = match self.moves {
             Moves::Eye => 1.0,
