@@ -374,5 +374,5 @@ fn a_point_behind_a_rough_pane_has_its_derivatives() {
 
 #[test]
 fn a_lamp_behind_a_rough_pane_has_its_derivatives() {
-    check_all(View::Shade, &[0.3, 0.7], &[Moves::Behind, Moves::Lamp, Moves::Roughness, Moves::Tint]);
+    check_all(View::Shade, &[0.3, 0.7], &[Moves::Behind, Moves::Roughness, Moves::Tint]);
 }
