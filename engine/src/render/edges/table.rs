@@ -56,7 +56,8 @@ const ROUNDING: f32 = 1e-6;
 /// An undirected edge.
 #[derive(Clone, Debug)]
 pub struct Edge {
-    pub(crate) p: [Vec3; 2],
+    /// Its ends.
+    pub p: [Vec3; 2],
     pub(crate) faces: Vec<EdgeFace>,
     /// The edge is a crossing: two surfaces intersect there. Its faces are the two halves of the one surface and then the two halves of the
     /// other; of a surface that ends there, only one half, last. It is a crease from every viewpoint, and its points stay in the planes
@@ -286,7 +287,8 @@ impl Edge {
 
 /// All edges of a scene.
 pub struct EdgeTable {
-    pub(crate) edges: Vec<Edge>,
+    /// All edges at which something may be discontinuous.
+    pub edges: Vec<Edge>,
     /// Pairs of coplanar emitters whose common edge is not in the table, because nothing is discontinuous there.
     pub flat_emitters: Vec<[PrimId; 2]>,
 }
