@@ -295,6 +295,7 @@ fn notes_of(program: &Program, id: DeclId, all: &[Reached]) -> Vec<Diagnostic> {
     }
     let mut starts = Vec::new();
     literals(initial, &mut starts);
+    let shape = decl.ty.quantity().and_then(|(shape, _)| shape.iter().copied().collect::<Option<Vec<usize>>>());
     // A bound that is not a number in the script may be any.
     let is_outside = |end: Option<&Expr>, reached: &Reached| {
         let mut numbers = Vec::new();
@@ -306,7 +307,12 @@ fn notes_of(program: &Program, id: DeclId, all: &[Reached]) -> Vec<Diagnostic> {
     let mut told: Vec<(&Reached, Diagnostic)> = Vec::new();
     for reached in all {
         let domain = reached.domain;
-        let outside = starts.iter().find(|x| starts.len() == 1 && !reached.contains(**x));
+        let is_passed = |at: usize| match shape.as_deref() {
+            Some(shape) if shape.iter().product::<usize>() == starts.len() => reached.part.contains(shape, at),
+            _ => starts.len() == 1,
+        };
+        let outside =
+            starts.iter().enumerate().find(|(at, x)| is_passed(*at) && !reached.contains(**x)).map(|(_, x)| x);
         let (message, help) = match outside {
             Some(x) => reached.told_outside(&decl.name, *x),
             None if domain.low.is_finite() && is_outside(low, reached)
@@ -343,6 +349,12 @@ const DEEPEST: usize = 100;
 
 /// The domain of a field (`lamp.radiance`, `ball.material.reflectance`), which is that of the constructor's argument.
 pub fn domain_of_field(program: &Program, target: &Target) -> Option<Reached> {
+    let (native, param) = input_of_field(program, target)?;
+    inputs::of_native(native, param)
+}
+
+/// The constructor whose argument a field is, and the argument.
+fn input_of_field<'p>(program: &'p Program, target: &Target) -> Option<(&'p NativeDecl, &'p NativeParam)> {
     let mut path = &target.path[..];
     let mut body = program.decl(target.decl).body.as_deref()?;
     for _ in 0..DEEPEST {
@@ -367,7 +379,7 @@ pub fn domain_of_field(program: &Program, target: &Target) -> Option<Reached> {
                 let (name, rest) = path.split_first()?;
                 let index = native.params.iter().position(|p| p.name == *name)?;
                 if rest.is_empty() {
-                    return inputs::of_native(native, &native.params[index]);
+                    return Some((native, &native.params[index]));
                 }
                 (body, path) = (call.args.get(index)?.as_ref()?, rest);
             }
@@ -377,13 +389,25 @@ pub fn domain_of_field(program: &Program, target: &Target) -> Option<Reached> {
     None
 }
 
-/// Numbers that a `with` gives to fields where they have no meaning, as a call with them would.
+/// What a `with` gives to fields that do not take it, and numbers where they have no meaning, as a call with them would be told.
 pub fn misplaced(program: &Program, roots: &[&Expr]) -> Vec<Diagnostic> {
     let mut out = Vec::new();
     let mut look = |e: &Expr| {
         let ExprKind::With { replacements, .. } = &e.kind else { return };
         for r in replacements {
-            let Some(reached) = domain_of_field(program, &r.target) else { continue };
+            let Some((native, param)) = input_of_field(program, &r.target) else { continue };
+            if !param.takes.accepts(&r.value.ty, None) {
+                let (name, ty) = (&param.name, &r.value.ty);
+                let help = ty.is_angle().then(|| "divide by a unit to get a number: `x / 1deg`".to_owned());
+                let message = format!("the `{name}` of `{}` is `{}`, its replacement `{ty}`", native.name, param.takes);
+                out.push(
+                    Diagnostic::error("dscene::type::mismatch", message)
+                        .label(r.value.span, format!("this is `{ty}`"))
+                        .help_opt(help),
+                );
+                continue;
+            }
+            let Some(reached) = inputs::of_native(native, param) else { continue };
             let mut numbers = Vec::new();
             literals(&r.value, &mut numbers);
             if let Some(x) = numbers.into_iter().find(|x| !reached.domain.contains(*x)) {

@@ -86,6 +86,13 @@ pub fn dependencies(program: &Program, e: &Expr) -> BTreeSet<DeclId> {
     found.decls
 }
 
+/// The declarations on which an expression depends by more than steps, so that its derivative by them need not be 0.
+pub fn sloping_dependencies(program: &Program, e: &Expr) -> BTreeSet<DeclId> {
+    let mut found = Dependencies::default();
+    Flow { by_slope: true, ..Flow::new(program) }.expr(e, &mut found);
+    found.decls
+}
+
 /// All declarations on which actions, and the settings of params, depend.
 pub fn used_by_actions(program: &Program) -> BTreeSet<DeclId> {
     let mut flow = Flow::new(program);
@@ -398,6 +405,26 @@ struct Flow<'p> {
     /// Whether a place depends on a param, as far as that is known.
     moves: HashMap<Place, bool>,
     renders_scene: bool,
+    /// Only what slopes pass through is followed.
+    by_slope: bool,
+}
+
+/// Natives whose value changes in steps.
+const STEPS: [&str; 6] = ["sign", "floor", "ceil", "round", "argmin", "argmax"];
+
+/// Of an expression whose value changes in steps with some of what is below it: the rest, through which slopes pass.
+fn beside_steps<'e>(program: &Program, e: &'e Expr) -> Option<Vec<&'e Expr>> {
+    use BinaryOp::{Eq, Ge, Gt, Le, Lt, Ne};
+    Some(match &e.kind {
+        ExprKind::Binary { op: Eq | Ne | Lt | Le | Gt | Ge, .. } | ExprKind::Near { .. } => Vec::new(),
+        ExprKind::If { then, otherwise, .. } => vec![then, otherwise],
+        ExprKind::Index { base, .. } | ExprKind::Slice { base, .. } => vec![base],
+        ExprKind::Call(call) => match call.callee {
+            Callee::Native(id) if STEPS.contains(&program.decl(id).name.as_str()) => Vec::new(),
+            _ => return None,
+        },
+        _ => return None,
+    })
 }
 
 impl<'p> Flow<'p> {
@@ -409,6 +436,7 @@ impl<'p> Flow<'p> {
             contexts: vec![nothing],
             moves: HashMap::new(),
             renders_scene: false,
+            by_slope: false,
         }
     }
 
@@ -482,6 +510,12 @@ impl<'p> Flow<'p> {
         };
         let mut waiting = vec![(root, context)];
         while let Some((e, context)) = waiting.pop() {
+            if self.by_slope
+                && let Some(rest) = beside_steps(self.program, e)
+            {
+                waiting.extend(rest.into_iter().map(|part| (part, context)));
+                continue;
+            }
             match &e.kind {
                 ExprKind::Decl(id) => add(self, *id, context, out),
                 ExprKind::With { body, replacements } => {

@@ -1,9 +1,10 @@
 //! Lints: what a script may mean, but hardly does; and `// allow(NAME)`, by which it says that it does.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::Loader;
-use super::flow::{below, dependencies, reaching_params, walk};
+use super::counts::is_frozen;
+use super::flow::{below, dependencies, reaching_params, sloping_dependencies, walk};
 use super::hir::*;
 use super::types::Ty;
 use super::{loaded, targets};
@@ -69,6 +70,7 @@ pub fn check(program: &Program, loader: &dyn Loader) -> Vec<Diagnostic> {
             out.extend(ignored_blurs(program, o));
         }
     }
+    out.extend(stepped_params(program));
     out.extend(ignored_rates(program));
     out.extend(no_boundary(program, &roots));
     out.extend(targets::check(program));
@@ -111,6 +113,22 @@ fn zero_derivatives(program: &Program, derivative: &Derivative) -> Vec<Diagnosti
         return Vec::new();
     }
     let reached = dependencies(program, &derivative.of);
+    let sloping = match derivative.kind {
+        DerivativeKind::FiniteDifference => reached.clone(),
+        _ => sloping_dependencies(program, &derivative.of),
+    };
+    let is_stepped = |decl: &DeclId| reached.contains(decl) && !sloping.contains(decl);
+    let stepped = derivative.wrt.iter().filter(|(target, _)| is_stepped(&target.decl));
+    let by_steps = |(target, span): &(Target, Span)| {
+        let name = &program.decl(target.decl).name;
+        Diagnostic::warning(
+            "dscene::lint::zero_derivative",
+            format!("this derivative is 0: `{name}` is seen by steps only"),
+        )
+        .label(*span, "reaches only steps")
+        .label(derivative.of.span, format!("changes with `{name}` in steps"))
+        .help(NO_SLOPE)
+    };
     let lost = derivative.wrt.iter().filter(|(target, _)| !reached.contains(&target.decl));
     let told = |(target, span): &(Target, Span)| {
         let name = &program.decl(target.decl).name;
@@ -119,7 +137,33 @@ fn zero_derivatives(program: &Program, derivative: &Derivative) -> Vec<Diagnosti
             .label(derivative.of.span, format!("does not depend on `{name}`"))
             .help(format!("use `{name}` in what is differentiated, or leave it out"))
     };
-    lost.map(told).collect()
+    lost.map(told).chain(stepped.map(by_steps)).collect()
+}
+
+const NO_SLOPE: &str = "`round`, `floor`, `ceil`, `sign`, comparisons and indices have no slope: take `sigmoid` or `smoothstep` for a step, or `fd` \
+                        for the difference over one";
+
+/// Params that losses see by steps only.
+fn stepped_params(program: &Program) -> Vec<Diagnostic> {
+    let bodies = program.losses().filter_map(|id| program.decl(id).body.as_deref());
+    let optimized = program.actions.iter().filter_map(|action| match action {
+        Action::Optimize(o) => Some(&o.loss),
+        _ => None,
+    });
+    let losses: Vec<&Expr> = bodies.chain(optimized).collect();
+    let all = |of: fn(&Program, &Expr) -> BTreeSet<DeclId>| -> BTreeSet<DeclId> {
+        losses.iter().flat_map(|loss| of(program, loss)).collect()
+    };
+    let (reached, sloping) = (all(dependencies), all(sloping_dependencies));
+    let moves = |id: &DeclId| matches!(&program.decl(*id).kind, DeclKind::Param(param) if !is_frozen(param));
+    let told = |id: &DeclId| {
+        let decl = program.decl(*id);
+        let message = format!("every derivative by `{}` is 0: losses see it by steps only", decl.name);
+        Diagnostic::warning("dscene::lint::zero_derivative", message)
+            .label(decl.name_span, "never moves")
+            .help(NO_SLOPE)
+    };
+    reached.difference(&sloping).filter(|id| moves(id)).map(told).collect()
 }
 
 /// Stages that go on as the one before did.

@@ -78,16 +78,15 @@ pub fn moved_params(
     Ok((moved, spaces, notes))
 }
 
-/// Narrows the bounds of a param to the domain of an input that it reaches; says so if they were wider. What starts outside has more room
-/// than others, or is an error of its own, and is left alone.
+/// Narrows the bounds of a param to the domain of an input that it reaches; says so if they were wider. Numbers that
+/// start outside have more room than others, or are an error of their own, and are left alone.
 fn kept_inside(space: &mut Space, reached: &Reached, value: &Tensor, name: &str) -> Option<String> {
     let inside = |at: usize| reached.part.contains(&value.shape, at);
-    if let Some((_, start)) =
-        paced(value.data.iter().enumerate(), 1).find(|(at, x)| inside(*at) && !reached.contains(**x))
-    {
+    let outside = paced(value.data.iter().enumerate(), 1).find(|(at, x)| inside(*at) && !reached.contains(**x));
+    let told = outside.map(|(_, start)| {
         let (message, help) = reached.told_outside(name, *start);
-        return Some(help.map_or(message.clone(), |help| format!("{message}: {help}")));
-    }
+        help.map_or(message.clone(), |help| format!("{message}: {help}"))
+    });
     let n = value.len();
     let side = |old: &Option<Vec<f64>>, free: f64| -> Vec<f64> {
         let old = old.as_deref().filter(|b| !b.is_empty());
@@ -95,7 +94,7 @@ fn kept_inside(space: &mut Space, reached: &Reached, value: &Tensor, name: &str)
     };
     let (mut low, mut high) = (side(&space.lower, f64::NEG_INFINITY), side(&space.upper, f64::INFINITY));
     let mut is_narrowed = false;
-    for at in paced(0..n, 1).filter(|at| inside(*at)) {
+    for at in paced(0..n, 1).filter(|at| inside(*at) && reached.contains(value.data[*at])) {
         let (least, most) = reached.limits(value.data[at]);
         // Bounds that are written may be nearer to an end that does not belong to the domain, and logarithms have none at 0.
         let is_positive = space.geometry == Geometry::Positive && reached.domain.low <= 0.0;
@@ -106,11 +105,14 @@ fn kept_inside(space: &mut Space, reached: &Reached, value: &Tensor, name: &str)
             (high[at], is_narrowed) = (most, true);
         }
     }
-    if !is_narrowed {
-        return None;
+    if is_narrowed {
+        (space.lower, space.upper) = (Some(one_if_equal(low)), Some(one_if_equal(high)));
     }
-    (space.lower, space.upper) = (Some(one_if_equal(low)), Some(one_if_equal(high)));
-    Some(reached.told(name))
+    let kept = is_narrowed.then(|| reached.told(name));
+    match (told, kept) {
+        (Some(told), Some(kept)) => Some(format!("{told}; elsewhere {kept}")),
+        (told, kept) => told.or(kept),
+    }
 }
 
 /// Why a param cannot be optimised in its space from where it is.

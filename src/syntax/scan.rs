@@ -711,20 +711,21 @@ fn depth_is_fine(
     diagnostics: &mut Vec<Diagnostic>,
 ) -> bool {
     let first = tokens.partition_point(|t| t.start < piece.start);
-    let (mut depth, mut nested_words) = (0usize, 0usize);
+    // By open bracket: the words so far that nest what follows them, up to a comma or the next `let` of a block.
+    let mut words = vec![0usize];
     for token in tokens[first..].iter().take_while(|t| t.start < piece.end) {
-        let mut inside = 0;
+        let (mut inside, level, rest) = (0, words.len() - 1, &text[token.start..]);
         match token.kind {
-            TokenKind::Open => depth += 1,
-            TokenKind::Close => depth = depth.saturating_sub(1),
-            TokenKind::Word if matches!(&text[token.start..token.end], "if" | "else" | "with") => nested_words += 1,
-            TokenKind::Other if text[token.start..].starts_with("=>") => nested_words += 1,
-            TokenKind::Other if text[token.start..].starts_with('"') => {
-                inside = brackets_in(&text[token.start..token.end])
-            }
-            _ => {}
+            TokenKind::Open => words.push(0),
+            TokenKind::Close => words.truncate(level.max(1)),
+            TokenKind::Word if matches!(&text[token.start..token.end], "if" | "else" | "with") => words[level] += 1,
+            TokenKind::Other if rest.starts_with("=>") => words[level] += 1,
+            TokenKind::Word if rest.starts_with("let ") => words[level] = 0,
+            TokenKind::Other if rest.starts_with(',') => words[level] = 0,
+            TokenKind::Other if rest.starts_with('"') => inside = brackets_in(&text[token.start..token.end]),
+            _ => continue,
         }
-        if depth + inside > MAX_DEPTH || nested_words > 2 * MAX_DEPTH {
+        if words.len() - 1 + inside > MAX_DEPTH || words.iter().sum::<usize>() > 2 * MAX_DEPTH {
             diagnostics.push(
                 Diagnostic::error("dscene::syntax::too_deep", "this is nested too deeply to be read")
                     .label(Span::new(source, token.start, token.end), format!("more than {MAX_DEPTH} levels deep here"))

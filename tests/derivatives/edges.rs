@@ -272,11 +272,21 @@ fn params_stay_where_their_inputs_are_defined() {
     let (code, text) = run(&script, &[]);
     assert_eq!(code, 0, "{text}");
     has(&text, &["`r` stays from -0.2 to 0.8, so that the `diffuse` of `phong` is from 0 to 1", "6 steps"]);
-    // What starts where its input has no meaning is told, and stays free.
+    // What starts where its input has no meaning is told, and stays free, beside others that do not.
     let script = format!("{SCENE}param r = 1.5\n{}optimize (r - 2) ^ 2 {{ steps: 2 }}\n", shape("diffuse(r)"));
     let (code, text) = run(&script, &[]);
     assert_eq!(code, 0, "{text}");
     has(&text, &["`r` starts at 1.5, with which the `reflectance` of `diffuse` is not from 0 to 1: write at most `1`"]);
+    let script = format!(
+        "{SCENE}param r = [0.2, 1.5, 0.3]\n{}optimize -sum(r) {{ using: sgd(lr: 1), steps: 2 }}\nexpect r == [1, 3.5, 1]\n",
+        shape("diffuse(r)")
+    );
+    let (code, text) = run(&script, &[]);
+    assert_eq!(code, 0, "{text}");
+    has(
+        &text,
+        &["`r` starts at 1.5, with which", "elsewhere `r` stays from 0 to 1: it is the `reflectance` of `diffuse`"],
+    );
     // What is no straight line is not kept, but told once.
     let script = format!(
         "{SCENE}param r = 0.9\n{}optimize -mean(render(eye, spp: 1)) {{ using: sgd(lr: 1), steps: 4 }}\n",

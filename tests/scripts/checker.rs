@@ -194,6 +194,14 @@ fn a_checked_program_fails_only_for_values() {
             "let x = mse(shot, alpha(eye)) with { eye.film: [4, 4] }\nlet y = (shot - image([[1]])) with { eye.film: [2, 2] }",
             "dscene::type::shape",
         ),
+        (
+            "light bulb = point(position: [0, 0, 0])\nlet x = shot with { bulb.intensity: 3deg }",
+            "dscene::type::mismatch",
+        ),
+        ("light sky = constant()\nlet x = shot with { sky.radiance: [1deg, 2deg, 3deg] }", "dscene::type::mismatch"),
+        ("light sky = constant()\nlet x = shot with { sky.radiance: \"red\" }", "dscene::type::mismatch"),
+        ("light sky = constant()\nparam q = 3deg\nlet x = shot with { sky.radiance: q }", "dscene::type::mismatch"),
+        ("material m = diffuse(0.5)\nlet x = shot with { m.reflectance: 3deg }", "dscene::type::mismatch"),
         ("let x = shot with { eye.film: [0, 4] }", "dscene::value::film"),
         // A part of the film has its own size, whatever the film's is.
         (

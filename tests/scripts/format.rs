@@ -334,6 +334,17 @@ fn a_script_with_a_mistake_is_refused() {
     }
 }
 
+/// What stands side by side is not nested.
+#[test]
+fn long_lists_of_conditions_and_functions_are_not_deep() {
+    let list = |item: &str| format!("let a = [{}]\n", format!("{item}, ").repeat(600));
+    for item in ["if b then 1 else 2", "x => x + 1", "b with { b: 2 }", "{ f: x => x }"] {
+        settled(&list(item));
+    }
+    let lets: String = (0..150).map(|i| format!("let a{i} = if x > {i} then x else {i}\n")).collect();
+    settled(&format!("fn f(x) {{\n{lets}x\n}}\n"));
+}
+
 #[test]
 fn long_scripts_are_laid_out() {
     settled(&format!("let a = {}1{}", "[f(".repeat(49), ")]".repeat(49)));

@@ -82,6 +82,11 @@ fn what_params_are_kept_inside_of_is_known_before_a_run() {
             shape("diffuse(r)"),
             "`r` starts at 1.5, with which the `reflectance` of `diffuse` is not from 0 to 1",
         ),
+        (
+            "r = [0.2, 1.5, 0.3]",
+            shape("diffuse(r)"),
+            "`r` starts at 1.5, with which the `reflectance` of `diffuse` is not from 0 to 1",
+        ),
         ("r = 0.5 in -1..2", shape("diffuse(r)"), reflectance),
         // What says nothing of a param, or of this one.
         ("r = 0.5", "let all = [0.5, r]\nlet x = phong(roughness: all[0])".to_owned(), ""),

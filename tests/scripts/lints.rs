@@ -39,6 +39,22 @@ fn a_derivative_by_what_is_not_there_is_zero() {
     tells(&format!("{SCENE}loss l = mse(render(eye), target)\nprint grad(l, size)"), &[]);
 }
 
+/// A param that is seen by steps only has no derivative, whatever its value; one that is also seen otherwise has.
+#[test]
+fn steps_have_no_slope() {
+    let script = "param k = 3\nparam x = 1\nlet steps = round(k) * x\n";
+    tells(&format!("{script}loss l = steps + (if k > 2 then x else 2 * x)"), &[("zero_derivative", "k")]);
+    tells(&format!("{script}loss l = [1, 2, 3][floor(k)] * x + sign(k)"), &[("zero_derivative", "k")]);
+    tells(&format!("{script}loss l = steps + k"), &[]);
+    tells(&format!("{script}loss l = steps + (if x > 2 then k else 2)"), &[]);
+    tells(
+        &format!("{script}loss l = steps + k ^ 2\nprint grad(steps, [k, x]), fd(steps, k)"),
+        &[("zero_derivative", "k")],
+    );
+    tells("param k = 3 { frozen: true }\nparam x = 1\nloss l = round(k) * x", &[]);
+    tells("param k = 3 // allow(zero_derivative)\nparam x = 1\nloss l = round(k) * x", &[]);
+}
+
 #[test]
 fn a_stage_that_goes_on_as_before_changes_nothing() {
     let script = "param x = 1\nloss l = x ^ 2\noptimize l {\n  using: sgd(lr: 0.1)\n";
