@@ -188,7 +188,7 @@ fn is_same_file(a: &Path, b: &Path) -> bool {
 }
 
 /// Why no output may have this name, in words and with what to do about it; `None` if it may. An output is named by a relative
-/// path that stays inside of its folder, and is none of the files that runs write about themselves.
+/// path that stays inside of its folder, and is none of the files that runs write about themselves, nor in a folder of such a name.
 pub fn refused_output(name: &str) -> Option<(&'static str, &'static str)> {
     let path = Path::new(name);
     let is_inside = path.components().all(|c| matches!(c, Component::Normal(_) | Component::CurDir));
@@ -198,8 +198,7 @@ pub fn refused_output(name: &str) -> Option<(&'static str, &'static str)> {
             "give a relative path without `..`, such as \"pictures/final.exr\"",
         ));
     }
-    let mut names = path.components().filter(|c| matches!(c, Component::Normal(_)));
-    let first = names.next().filter(|_| names.next().is_none());
+    let first = path.components().find(|c| matches!(c, Component::Normal(_)));
     let is_own = first.is_some_and(|name| is_run_file(&name.as_os_str().to_string_lossy()));
     is_own.then_some(("this is the name of a file in which the run itself is recorded", "give the output another name"))
 }
@@ -363,6 +362,8 @@ mod tests {
             "run.j\u{17f}on",
             ".lock",
             "report.html",
+            "report.html/x.json",
+            "./Checkpoint.bin/deep/x.json",
         ]);
         for name in own {
             assert!(refused_output(name).is_some_and(|(what, _)| what.contains("run itself")), "{name:?}");

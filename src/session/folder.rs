@@ -175,9 +175,15 @@ impl RunFolder {
 
     /// Starts an empty log. The folder counts as a run's only after [`RunFolder::record`].
     fn begin(path: PathBuf, lock: File) -> Result<RunFolder, Diagnostic> {
-        for own in [RECORD, LOG, EVENTS, REPORT, tensorboard::FILE] {
-            let own = path.join(own);
-            match fs::remove_file(&own) {
+        let own = [RECORD, LOG, EVENTS, REPORT, tensorboard::FILE].map(|name| path.join(name));
+        // Before anything of an earlier run is removed.
+        if let Some(folder) = own.iter().find(|own| own.symlink_metadata().is_ok_and(|m| m.is_dir())) {
+            let name = folder.file_name().unwrap_or_default().to_string_lossy();
+            return Err(refused(&path, &format!("`{name}` in it is a folder, where the run writes a file of its own"))
+                .help("rename that folder, or choose another for the run: `--out DIR`"));
+        }
+        for own in &own {
+            match fs::remove_file(own) {
                 Err(e) if e.kind() != io::ErrorKind::NotFound => return Err(no_folder(&path, &e)),
                 _ => {}
             }

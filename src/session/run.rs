@@ -9,7 +9,7 @@ use super::checkpoint::{Optimizing, Schedule};
 use super::clock::{Stopwatch, human_seconds};
 use super::events::Ending;
 use super::expect;
-use super::folder::{RunFolder, cannot_write, output_path};
+use super::folder::{RunFolder, cannot_write, output_path, spare_inputs};
 use super::measure::loss_at;
 use super::notes::Notes;
 use super::optimization::{Optimization, StepReport};
@@ -481,6 +481,8 @@ impl<'a> Runner<'a> {
         let target = self.output_path(&name, path.span)?;
         let (ty, place) = (&value.ty, value.span);
         let value = self.engine.eval(value)?;
+        // Only now all files are known that the value is made of, such as textures that a mesh file names.
+        spare_inputs(&target).map_err(|told| told.label(path.span, "this file"))?;
         let names = self.engine.names();
         let saved = self.with_files(|runner| runner.engine.stoppable(|| save_named(&value, ty, names, &target)))?;
         let lost = saved.map_err(|problem| match problem {

@@ -95,7 +95,9 @@ fn the_files_of_others_are_not_run_over() {
 #[test]
 fn the_record_of_a_run_is_not_saved_over() {
     let place = Place::new();
-    for name in ["run.json", "Run.JSON", "./run.json", "a/../run.json", "checkpoint.json", "log.jsonl.json"] {
+    let names = ["run.json", "Run.JSON", "./run.json", "a/../run.json", "checkpoint.json", "log.jsonl.json"];
+    // A folder in its place would keep the record from being written.
+    for name in names.into_iter().chain(["report.html/x.json", "report.jsonl/x.json", "checkpoint.bin/deep/x.json"]) {
         place.write("a.dscene", format!("save 1 to \"{name}\"\n"));
         let output = place.dsl(&["check", "a.dscene"]);
         assert_diagnosed(&output);
@@ -134,6 +136,67 @@ fn outputs_never_replace_inputs() {
         assert_eq!(fs::read_to_string(place.path("data.json")).unwrap(), "[1, 2]");
     }
     assert_eq!(fs::read_to_string(place.path("t.dscene")).unwrap(), script);
+}
+
+/// Pictures that a mesh file names are known once it has been read, which may be when the value is there that is saved.
+#[test]
+fn what_a_saved_value_was_the_first_to_read_is_not_replaced() {
+    let place = Place::new();
+    place.write("s.dscene", "save image([[[1, 0, 0]]]) to \"tex.png\"\n");
+    assert_code(&place.dsl(&["run", "s.dscene", "--out", "made"]), 0);
+    let picture = fs::read(place.path("made/tex.png")).unwrap();
+    fs::write(place.path("tex.png"), &picture).unwrap();
+    let corners = "v -1 -1 0\nv 1 -1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0.5 1\n";
+    place.write("m.obj", format!("mtllib m.mtl\n{corners}usemtl a\nf 1/1 2/2 3/3\n"));
+    place.write("m.mtl", "newmtl a\nmap_Kd tex.png\n");
+    place.write("m.gltf", GLTF);
+    let saves = [
+        "save render(eye, spp: 1) to \"tex.png\"",
+        "plot [mean(render(eye, spp: 1)), 1] to \"tex.png\"",
+        "param x = 1\nloss l = x ^ 2\n\
+         optimize l { steps: 1, every 1 { save render(eye, spp: 1) to \"tex.png\" } }",
+    ];
+    for (mesh, save) in ["m.obj", "m.gltf"].into_iter().flat_map(|mesh| saves.map(|save| (mesh, save))) {
+        let scene = "camera eye { position: [0, 0, 5], film: [4, 4] }\nlight sky = constant(radiance: 1)\n";
+        place.write("s.dscene", format!("{scene}shape b = load_shapes(\"{mesh}\")\n{save}\n"));
+        let output = place.dsl(&["run", "s.dscene", "--out", ".", "--force"]);
+        assert_diagnosed(&output);
+        let told = stderr(&output);
+        assert!(told.contains("cannot write `tex.png`: the script reads this file"), "{mesh}, {save}: {told}");
+        assert_eq!(fs::read(place.path("tex.png")).unwrap(), picture, "{mesh}, {save}");
+    }
+}
+
+/// A triangle with the picture `tex.png` on it.
+const GLTF: &str = r#"{
+  "asset": { "version": "2.0" }, "scene": 0, "scenes": [{ "nodes": [0] }], "nodes": [{ "mesh": 0 }],
+  "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0, "TEXCOORD_0": 1 }, "material": 0 }] }],
+  "materials": [{ "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 } } }],
+  "textures": [{ "source": 0 }], "images": [{ "uri": "tex.png" }],
+  "accessors": [
+    { "bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "min": [-1, -1, 0], "max": [1, 1, 0] },
+    { "bufferView": 0, "byteOffset": 36, "componentType": 5126, "count": 3, "type": "VEC2" }
+  ],
+  "bufferViews": [{ "buffer": 0, "byteLength": 60 }],
+  "buffers": [{
+    "byteLength": 60,
+    "uri": "data:application/octet-stream;base64,AACAvwAAgL8AAAAAAACAPwAAgL8AAAAAAAAAAAAAgD8AAAAAAAAAAAAAAAAAAIA/AAAAAAAAAD8AAIA/"
+  }]
+}"#;
+
+/// A run that finds a folder where it would write a file of its own takes nothing away of the run before.
+#[test]
+fn a_folder_in_place_of_a_record_loses_no_record() {
+    let place = Place::new();
+    place.write("a.dscene", "print 1\n");
+    assert_code(&place.dsl(&["run", "a.dscene", "--out", "r"]), 0);
+    let record = fs::read(place.path("r/run.json")).unwrap();
+    fs::remove_file(place.path("r/report.html")).unwrap();
+    fs::create_dir(place.path("r/report.html")).unwrap();
+    let output = place.dsl(&["run", "a.dscene", "--out", "r", "--force"]);
+    assert_diagnosed(&output);
+    assert!(stderr(&output).contains("`report.html` in it is a folder"), "{}", stderr(&output));
+    assert_eq!(fs::read(place.path("r/run.json")).unwrap(), record);
 }
 
 #[test]
