@@ -186,6 +186,48 @@ fn what_is_wrong_is_told_before_anything_runs() {
 }
 
 #[test]
+fn what_the_script_reads_is_not_replaced() {
+    let place = Place::new();
+    fs::create_dir(place.path("sub")).unwrap();
+    let table = "let v = mean(load_table(\"sub/table.csv\").x)";
+    let of_json = |name: &str| format!("let v = load_json(\"sub/{name}\").x");
+    let cases = [
+        ("table.csv", "x\n1\n3\n", table.to_owned()),
+        ("table.json", "{\"x\": 2}", of_json("table.json")),
+        ("sweep.json", "{\"x\": 2}", of_json("sweep.json")),
+    ];
+    for (name, text, read) in cases {
+        let path = place.path("sub").join(name);
+        fs::write(&path, text).unwrap();
+        place.write("s.dscene", format!("{read}\nsweep k in [1, 2] {{ report {{ v: v * k }} }}\n"));
+        for command in ["sweep", "run"] {
+            let output = place.dsl(&[command, "s.dscene", "--out", "sub", "--force"]);
+            assert_diagnosed(&output);
+            let told = stderr(&output);
+            let is_record = name == "sweep.json";
+            assert!(is_record || told.contains("the script reads this file, which would be lost"), "{told}");
+            assert_eq!(fs::read_to_string(&path).unwrap(), text);
+        }
+        // Nothing else is there either.
+        assert_eq!(fs::read_dir(place.path("sub")).unwrap().count(), 1, "{name}");
+        assert_code(&place.dsl(&["sweep", "s.dscene", "--out", "elsewhere"]), 0);
+        fs::remove_dir_all(place.path("elsewhere")).unwrap();
+        fs::remove_file(&path).unwrap();
+    }
+    // Values of the sweep name files too.
+    fs::write(place.path("sub/table.csv"), "x\n1\n3\n").unwrap();
+    place.write("other.csv", "x\n2\n");
+    place.write(
+        "s.dscene",
+        "let file = \"other.csv\"\nsweep file in [\"sub/table.csv\"] { report { v: mean(load_table(file).x) } }\n",
+    );
+    let output = place.dsl(&["sweep", "s.dscene", "--out", "sub", "--force"]);
+    assert_diagnosed(&output);
+    assert!(stderr(&output).contains("the script reads this file, which would be lost"), "{}", stderr(&output));
+    assert_eq!(fs::read_to_string(place.path("sub/table.csv")).unwrap(), "x\n1\n3\n");
+}
+
+#[test]
 fn a_run_that_fails_is_told_and_stops_no_other() {
     let place = Place::new();
     let script = "param x = 1\nloss l = sqrt(sum([x]))\n

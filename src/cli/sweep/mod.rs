@@ -21,7 +21,7 @@ use crate::session::begin::source_texts;
 use crate::session::clock::{Date, Stopwatch, human_seconds};
 use crate::session::folder::{SourceText, cannot_write, number};
 use crate::session::show::significant;
-use crate::session::sweep::{Combination, End, Entry, Record, SweepFolder, Table, combinations};
+use crate::session::sweep::{Combination, End, Entry, PAGE, Record, SweepFolder, Table, combinations};
 use crate::session::{Run, World, world};
 use crate::source::SourceMap;
 use axes::Plan;
@@ -30,8 +30,7 @@ use jobs::{Ended, Jobs};
 /// Less memory than this is not enough for a run.
 const LEAST_MEMORY: u64 = 50_000_000;
 
-/// The page that overlays the runs' curves, and the most of them.
-const PAGE: &str = "compare.html";
+/// The page overlays the curves of so many runs at most.
 const MOST_CURVES: usize = 60;
 
 /// How often the runs and Ctrl-C are looked after.

@@ -7,13 +7,19 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::{Combination, Journal, Table};
+use super::{Combination, Journal, Table, journal};
 use crate::diag::Diagnostic;
 use crate::files::{RUN_LOCK, describe_io, is_leftover, read_own, write_atomically};
 use crate::session::Override;
-use crate::session::folder::{SourceText, cannot_write, lock_file};
+use crate::session::folder::{SourceText, cannot_write, lock_file, spare_inputs};
 
 const RECORD: &str = "sweep.json";
+const TABLES: [&str; 2] = ["table.csv", "table.json"];
+/// The page that overlays the curves of the runs.
+pub const PAGE: &str = "compare.html";
+
+/// All files that sweeps write beside the folders of their runs.
+const OWN: [&str; 5] = [RECORD, journal::FILE, TABLES[0], TABLES[1], PAGE];
 
 /// Whether a folder is that of a sweep.
 pub fn is_sweep(folder: &Path) -> bool {
@@ -58,6 +64,9 @@ impl SweepFolder {
             None if !force => assert_empty(path)?,
             _ => {}
         }
+        for own in OWN {
+            spare_inputs(&path.join(own))?;
+        }
         let name = part.map_or(RUN_LOCK.to_owned(), |part| format!("{RUN_LOCK}.{part}"));
         let lock = lock_file(&path.join(name)).map_err(|why| {
             let message = format!(
@@ -95,7 +104,7 @@ impl SweepFolder {
 
     fn table_files(&self, runs: &[Combination], maximized: &HashSet<String>) -> Result<Table, Diagnostic> {
         let table = Table::new(runs, &self.journal.read()?, maximized);
-        for (name, bytes) in [("table.csv", table.csv()?), ("table.json", table.json().into_bytes())] {
+        for (name, bytes) in TABLES.into_iter().zip([table.csv()?, table.json().into_bytes()]) {
             let target = self.path.join(name);
             write_atomically(&target, &bytes).map_err(|e| cannot_write(&target, &e))?;
         }

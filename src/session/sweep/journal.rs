@@ -16,7 +16,7 @@ use crate::diag::Diagnostic;
 use crate::session::clock::Date;
 use crate::session::folder::{cannot_write, number};
 
-const FILE: &str = "journal.jsonl";
+pub(super) const FILE: &str = "journal.jsonl";
 
 /// How a run has ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]

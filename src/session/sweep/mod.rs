@@ -10,7 +10,7 @@ mod table;
 
 use std::collections::HashSet;
 
-pub use folder::{Record, SweepFolder, is_sweep};
+pub use folder::{PAGE, Record, SweepFolder, is_sweep};
 pub use journal::{End, Entry, Journal};
 pub use prune::Judge;
 pub use table::Table;
