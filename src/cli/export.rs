@@ -69,6 +69,7 @@ fn plain(told: Diagnostic) -> Told {
 
 fn export(args: &ExportArgs, terminal: &mut Terminal) -> Result<(), Told> {
     let checkpoint = Checkpoint::read(&args.run).map_err(plain)?;
+    checkpoint.note_inputs();
     let mut engine = None;
     let params = match args.step.or(last_step(&args.run, &checkpoint, terminal).map_err(plain)?) {
         None => checkpoint.state().params(),

@@ -95,12 +95,22 @@ pub fn in_folder(folder: Option<&Path>, file: &Path) -> Result<PathBuf, Diagnost
     let path = match folder {
         None => file.to_path_buf(),
         Some(folder) => {
-            std::fs::create_dir_all(folder).map_err(|e| cannot_write(folder, &e))?;
+            std::fs::create_dir_all(folder).map_err(|e| no_folder(folder, file, &e))?;
             folder.join(file)
         }
     };
     writable(&path)?;
     Ok(path)
+}
+
+/// Why a folder could not be made for a file.
+fn no_folder(folder: &Path, file: &Path, error: &std::io::Error) -> Diagnostic {
+    if !folder.is_file() {
+        return cannot_write(folder, error);
+    }
+    let message = format!("cannot write into `{}`: it is a file, and `--out` names a folder", folder.display());
+    let help = format!("name a folder, into which `{}` is written: `--out DIR`", file.display());
+    Diagnostic::error("dscene::run::write", message).help(help)
 }
 
 /// What Ctrl-C leaves to say.

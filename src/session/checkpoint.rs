@@ -23,7 +23,7 @@ use super::sweep::is_sweep;
 use crate::check::hir;
 use crate::diag::Diagnostic;
 use crate::eval::{Engine, EngineState};
-use crate::files::{fingerprint, inputs, read, read_own, rewrite};
+use crate::files::{fingerprint, inputs, note_input, read, read_own, rewrite};
 use crate::ranks;
 
 /// The name of the file in the run folder.
@@ -193,6 +193,11 @@ impl Checkpoint {
     /// The script's folder.
     pub fn script_folder(&self) -> &Path {
         Path::new(&self.folder)
+    }
+
+    /// Remembers what the run has read as inputs, which no output of this process may replace.
+    pub fn note_inputs(&self) {
+        self.inputs.iter().for_each(|(path, _)| note_input(Path::new(path)));
     }
 
     /// What has changed of the files that the run had read, by name; `folder` is the script's, and its text has been read. What is

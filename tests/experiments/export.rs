@@ -65,6 +65,34 @@ fn what_was_found_is_exported_as_numbers_and_as_a_script() {
     }
 }
 
+/// A param begins with what a file of its name says, and the script has the name of what is exported of it.
+#[test]
+fn what_the_run_has_read_is_not_replaced() {
+    let place = Place::new();
+    place.write("rows.csv", "x\n1\n2\n");
+    let script = "param rows: scalar[2] = load_table(\"rows.csv\").x\nloss bowl = sum(rows ^ 2)\n\
+                  optimize bowl { using: sgd(lr: 0.1), steps: 2 }\n";
+    place.write("script.dscene", script);
+    let run = place.dsl(&["run", "script.dscene", "--out", "r"]);
+    assert_code(&run, 0);
+    for arguments in [&["--format", "csv"][..], &["--script"]] {
+        let output = place.dsl(&[&["export", "r", "--out", "."][..], arguments].concat());
+        assert_diagnosed(&output);
+        assert!(stderr(&output).contains("the script reads this file"), "{arguments:?}: {}", stderr(&output));
+        assert_code(&place.dsl(&[&["export", "r", "--out", "found"][..], arguments].concat()), 0);
+        // The other way round, a file is no folder.
+        let output = place.dsl(&[&["export", "r", "--out", "rows.csv"][..], arguments].concat());
+        assert_diagnosed(&output);
+        assert!(stderr(&output).contains("`--out` names a folder"), "{arguments:?}: {}", stderr(&output));
+    }
+    assert_eq!(fs::read_to_string(place.path("rows.csv")).unwrap(), "x\n1\n2\n");
+    assert_eq!(fs::read_to_string(place.path("script.dscene")).unwrap(), script);
+    let output = place.dsl(&["compare", "r", "--out", "rows.csv"]);
+    assert_diagnosed(&output);
+    let told = "name a folder, into which `compare.html` is written: `--out DIR`";
+    assert!(stderr(&output).contains(told), "{}", stderr(&output));
+}
+
 /// Arrays of a `.safetensors` file.
 fn safetensors(path: &Path) -> BTreeMap<String, (Value, Vec<u64>)> {
     let bytes = fs::read(path).unwrap();
