@@ -1,7 +1,7 @@
 //! `dsl check`
 
 use super::args::{CheckArgs, Output};
-use super::load::check_file;
+use super::load::{check_file, require_one_stdin};
 use super::world::{diagnostic_text, pointer};
 use super::{EXIT_WRONG, deps, estimate, out};
 use crate::check::kept_inside;
@@ -13,6 +13,10 @@ pub fn run(args: &CheckArgs) -> u8 {
     let (mut errors, mut warnings, mut notes) = (0_usize, 0_usize, 0_usize);
     let mut unknown: usize = 0;
     let mut first_error = None;
+    if let Err(diagnostic) = require_one_stdin(&args.files) {
+        tell(&diagnostic, &SourceMap::default(), &args.common);
+        return EXIT_WRONG;
+    }
     for file in &args.files {
         let checked = if args.deps { deps::run(file, &args.common) } else { check_file(file, &args.common) };
         for diagnostic in &checked.diagnostics {

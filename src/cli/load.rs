@@ -133,9 +133,18 @@ fn loaded(
     Some(Loaded { warnings: checked.diagnostics, engine: ManuallyDrop::new(Engine::new(checked.program?, options)) })
 }
 
+/// An error if several of the files are standard input, which the first of them takes whole.
+pub fn require_one_stdin(files: &[PathBuf]) -> Result<(), Diagnostic> {
+    if files.iter().filter(|file| *file == Path::new(STDIN)).count() < 2 {
+        return Ok(());
+    }
+    Err(Diagnostic::error("dscene::cli::stdin", "standard input can be read only once").help("name `-` once"))
+}
+
 /// The files themselves, and the scripts in and below the folders among them, by name; not through links, which may lead back or
 /// elsewhere, and not in what is hidden.
 pub fn scripts(paths: &[PathBuf]) -> Result<Vec<PathBuf>, Diagnostic> {
+    require_one_stdin(paths)?;
     let mut found = Vec::new();
     for path in paths {
         if path.is_dir() { below(path, &mut found)? } else { found.push(path.clone()) }

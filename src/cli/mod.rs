@@ -33,11 +33,13 @@ mod timings;
 mod together;
 mod world;
 
+use std::ffi::OsString;
 use std::panic::AssertUnwindSafe;
 use std::process::ExitCode;
 use std::sync::Arc;
 
-use clap::{CommandFactory, FromArgMatches};
+use clap::error::ErrorKind;
+use clap::{ArgMatches, CommandFactory, FromArgMatches};
 
 use crate::ranks::{self, Link};
 use crate::session::World;
@@ -73,7 +75,7 @@ pub fn main(program: Program) -> ExitCode {
     }
     // Once a process, and so short a text, is no leak to speak of: clap keeps what lives as long as the program.
     let command = Cli::command().long_version(info::version(processes).leak() as &'static str);
-    let cli = match command.try_get_matches().and_then(|matches| Cli::from_arg_matches(&matches)) {
+    let cli = match matches(command).and_then(|matches| Cli::from_arg_matches(&matches)) {
         Ok(cli) => cli,
         Err(error) => {
             // All processes have the same arguments.
@@ -98,6 +100,18 @@ pub fn main(program: Program) -> ExitCode {
     });
     // The hook has told about it.
     ended(std::panic::catch_unwind(work).unwrap_or(EXIT_WRONG))
+}
+
+/// What the process's arguments mean. clap knows which command may be meant by `dsl runn`, but not by `dsl help runn`.
+fn matches(mut command: clap::Command) -> Result<ArgMatches, clap::Error> {
+    let words: Vec<OsString> = std::env::args_os().collect();
+    let wrong = match command.try_get_matches_from_mut(&words) {
+        Err(error) if error.kind() == ErrorKind::InvalidSubcommand => error,
+        done => return done,
+    };
+    let [program, help, name] = &words[..] else { return Err(wrong) };
+    let meant = if help == "help" { command.try_get_matches_from([program, name]).err() } else { None };
+    Err(meant.filter(|meant| meant.kind() == ErrorKind::InvalidSubcommand).unwrap_or(wrong))
 }
 
 /// The exit code, unless what was to be printed could not be.

@@ -90,9 +90,27 @@ fn a_script_may_come_from_standard_input() {
     }
     let refused = from(&["run", "-"], "let a = 1\nsweep a in [1, 2] { print a }");
     assert_refused(&refused, "dscene::cli::stdin", "write the script to a file");
+    for command in ["check", "fmt", "test"] {
+        let refused = from(&[command, "-", "-"], script);
+        assert_refused(&refused, "dscene::cli::stdin", "name `-` once");
+    }
     // A script that has been read from there is in its run's folder.
     let again = from(&["run", "-", "--resume", "r"], script);
     assert_refused(&again, "dscene::cli::stdin", "write the script to a file");
+}
+
+#[test]
+fn a_slip_in_the_name_of_a_command_is_told_wherever_it_stands() {
+    let place = Place::new();
+    for arguments in [&["runn"][..], &["help", "runn"]] {
+        let output = place.dsl(arguments);
+        assert_code(&output, 2);
+        assert!(stderr(&output).contains("'run'"), "{arguments:?}: {}", stderr(&output));
+    }
+    let output = place.dsl(&["help", "nothing-like-it"]);
+    assert_code(&output, 2);
+    assert!(stderr(&output).contains("'nothing-like-it'"), "{}", stderr(&output));
+    assert!(stdout(&place.dsl(&["help", "run"])).contains("--resume"));
 }
 
 #[test]
