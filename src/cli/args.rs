@@ -135,7 +135,9 @@ The folder must be empty or not there yet.")]
     #[command(after_help = "\
 Examples:
   dsl eval scene.dscene 'mean(render(eye, spp: 16))'
-  dsl eval scene.dscene corners[0] --json            {\"value\": …, \"type\": \"…\", \"seconds\": …}")]
+  dsl eval scene.dscene corners[0] --json            {\"value\": …, \"type\": \"…\", \"seconds\": …}
+
+In JSON angles are in radians: \"unit\": \"rad\" says so of an angle and of arrays of them, the type which fields are angles.")]
     Eval(EvalArgs),
     /// What a run has found: its params as numbers, the meshes that they make, or the script with them
     #[command(after_help = "\

@@ -25,7 +25,10 @@ pub fn run(args: &EvalArgs) -> u8 {
         Ok(value) => {
             if args.common.json {
                 let value = eval::to_json(&value);
-                let object = json!({"value": value, "type": expr.ty.to_string(), "seconds": seconds});
+                let mut object = json!({"value": value, "type": expr.ty.to_string(), "seconds": seconds});
+                if eval::is_angle(&expr.ty) {
+                    object["unit"] = json!("rad");
+                }
                 out::line(&object.to_string());
             } else {
                 out::line(&eval::show(&value, &expr.ty));

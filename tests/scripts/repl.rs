@@ -294,6 +294,28 @@ fn what_differs_in_the_last_digit_is_seen_to() {
     assert!(stderr(&output).contains("0.30000000000000004 == 0.3 is false"), "{}", stderr(&output));
 }
 
+/// `dsl eval` and the REPL have the same fields for a value.
+#[test]
+fn json_says_which_numbers_are_angles() {
+    let place = Place::new();
+    place.write("e.dscene", "");
+    for (expr, unit) in [("30deg", Some("rad")), ("[1rad, 2rad]", Some("rad")), ("2", None), ("{ a: 2deg }", None)] {
+        let field = |output: Output, name: &str| {
+            assert_code(&output, 0);
+            let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+            json[name].clone()
+        };
+        let evaluated = || place.dsl(&["eval", "e.dscene", expr, "--json"]);
+        let answered = || repl(&place, &["--json"], &format!("{expr}\n"));
+        for name in ["value", "type", "unit"] {
+            assert_eq!(field(evaluated(), name), field(answered(), name), "{expr}: {name}");
+        }
+        assert_eq!(field(evaluated(), "unit"), serde_json::json!(unit), "{expr}");
+    }
+    let half = place.dsl(&["eval", "e.dscene", "30deg", "--json"]);
+    assert!(stdout(&half).contains("\"value\":0.5235987755982"), "{}", stdout(&half));
+}
+
 #[test]
 fn json_says_what_is_not_a_number() {
     let place = Place::new();
