@@ -90,9 +90,10 @@ fn a_script_may_come_from_standard_input() {
     }
     let refused = from(&["run", "-"], "let a = 1\nsweep a in [1, 2] { print a }");
     assert_refused(&refused, "dscene::cli::stdin", "write the script to a file");
-    for command in ["check", "fmt", "test"] {
+    for (command, code) in [("check", 1), ("fmt", 1), ("test", 2)] {
         let refused = from(&[command, "-", "-"], script);
-        assert_refused(&refused, "dscene::cli::stdin", "name `-` once");
+        assert_code(&refused, code);
+        assert!(stderr(&refused).contains("name `-` once"), "{command}: {}", stderr(&refused));
     }
     // A script that has been read from there is in its run's folder.
     let again = from(&["run", "-", "--resume", "r"], script);
