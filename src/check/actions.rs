@@ -112,11 +112,14 @@ impl Checker<'_> {
         let known: &[&str] = match saved {
             Ty::Num(shape) if shape.len() < 2 => &["json", "csv", "npy", "txt"],
             Ty::Num(shape) if shape.len() == 2 => &["png", "exr", "hdr", "json", "csv", "npy", "txt"],
+            Ty::Num(shape) if shape.len() == 3 && shape[2] == Some(2) => &["png", "exr", "npy", "json", "txt"],
             Ty::Num(shape) if shape.len() == 3 && shape[2].is_none_or(|channels| channels <= 4) => {
                 &["png", "exr", "hdr", "npy", "json", "txt"]
             }
             Ty::Num(_) => &["npy", "json", "txt"],
             Ty::Image { channels: Some(n), .. } if *n > 4 => &["npy", "json", "txt"],
+            // HDR files hold colours, or greys.
+            Ty::Image { channels: Some(2), .. } => &["png", "exr", "npy", "json", "txt"],
             Ty::Image { .. } | Ty::Texture => &["png", "exr", "hdr", "npy", "json", "txt"],
             Ty::Shape | Ty::Light | Ty::Camera { .. } | Ty::Scene => &["glb"],
             Ty::Array(..) | Ty::Tuple(_) if is_of_a_scene(saved) => &["glb", "json", "txt"],

@@ -210,7 +210,7 @@ impl Reader<'_> {
         if is_json {
             return serde_json::from_str(&text).ok();
         }
-        match table::decode(text.as_bytes()).ok()? {
+        match table::decode(text.as_bytes()).ok()?.0 {
             table::Table::Rows(_) => None,
             table::Table::Columns(columns) => {
                 let content = |column| match column {

@@ -8,9 +8,10 @@ use crate::data::{npy, table};
 use crate::diag::Diagnostic;
 use crate::eval::{self, Names, SceneFile};
 use crate::files::write_atomically;
-use crate::image::file::{Clipped, NotNumbers, negatives};
+use crate::image::file::{BRIGHTEST, Clipped, NotNumbers, negatives};
 use crate::image::{Image, ImageError};
 use crate::memory;
+use crate::mesh::Mesh;
 use crate::natives::value::Value;
 use crate::stop;
 use crate::tape::Tensor;
@@ -43,8 +44,73 @@ pub enum Lost {
     Negative(usize, f32),
     /// Pixels that are no numbers.
     NotNumbers(NotNumbers),
+    /// Numbers beyond those of the file's format.
+    Beyond(Beyond),
+    /// That the file has other channels than the image, in a sentence.
+    Channels(&'static str),
     /// What glTF does not have, in sentences.
     OfScene(Vec<String>),
+}
+
+/// Pixels whose numbers are too large for a file, or all too small.
+pub struct Beyond {
+    /// How many there are.
+    count: usize,
+    /// Column and row of the first, from the top left.
+    first: [usize; 2],
+    /// Its number.
+    value: f64,
+    /// The largest number of the file's format.
+    most: f64,
+    /// What the largest become there.
+    becomes: &'static str,
+}
+
+impl Beyond {
+    /// Of an image in a file whose format ends at `most`. Numbers that are too small for it are rounded to zero, which is told only where
+    /// something as small is all that the image has beside: elsewhere nobody would see it.
+    fn of(value: &Value, extension: &str) -> Option<Beyond> {
+        let tensor = value.var()?.value();
+        let (width, channels) = match tensor.shape[..] {
+            [_, width] => (width, 1),
+            [_, width, channels] => (width, channels),
+            _ => return None,
+        };
+        let is_hdr = extension == "hdr";
+        // EXR files hold what is infinite, and HDR files nothing negative, which is told by itself.
+        let (most, becomes) = if is_hdr {
+            (f64::from(BRIGHTEST), "the brightest that there is")
+        } else {
+            (f64::from(f32::MAX), "infinite")
+        };
+        let size = |x: f64| if is_hdr { x.max(0.0) } else { x.abs() };
+        let is_zero = |x: f64| if is_hdr { x < f64::from(f32::MIN_POSITIVE) } else { x as f32 == 0.0 };
+        let largest = tensor.data.iter().map(|x| size(*x)).fold(0.0, f64::max);
+        let seen = largest * f64::from(f32::EPSILON);
+        let is_beyond = |x: &f64| {
+            let too_large = size(*x) > most && (is_hdr || x.is_finite());
+            too_large || (size(*x) > seen && is_zero(size(*x)))
+        };
+        let mut pixels = tensor.data.chunks_exact(channels.max(1)).enumerate();
+        let (at, value) = pixels.find_map(|(i, pixel)| Some((i, *pixel.iter().find(|x| is_beyond(x))?)))?;
+        let count = 1 + pixels.filter(|(_, pixel)| pixel.iter().any(is_beyond)).count();
+        Some(Beyond { count, first: [at % width, at / width], value, most, becomes })
+    }
+
+    fn told(&self, name: &str) -> String {
+        let Beyond { count, first: [x, y], value, .. } = self;
+        let shown = significant(*value, 3);
+        let becomes = match value.abs() > self.most {
+            true => format!("{} in the file: its numbers end at {}", self.becomes, significant(self.most, 2)),
+            false => "0 in the file: it holds no numbers as small".to_owned(),
+        };
+        match count {
+            1 => format!("the pixel [{x}, {y}] of `{name}` is {shown}, and {becomes}"),
+            n => format!(
+                "{n} pixels of `{name}` are beyond its numbers; the first, [{x}, {y}], is {shown}, and {becomes}"
+            ),
+        }
+    }
 }
 
 impl Lost {
@@ -52,6 +118,8 @@ impl Lost {
     pub fn kind(&self) -> &'static str {
         match self {
             Lost::Colors(_) | Lost::Negative(..) => "clipped",
+            Lost::Beyond(_) => "beyond",
+            Lost::Channels(_) => "channels",
             Lost::NotNumbers(_) => "not numbers",
             Lost::OfScene(_) => "simplified",
         }
@@ -63,7 +131,8 @@ impl Lost {
             Lost::Colors(_) => "goes beyond black or white",
             Lost::Negative(..) => "is negative in places",
             Lost::NotNumbers(_) => "is NaN in places",
-            Lost::OfScene(_) => "saved here",
+            Lost::Beyond(_) => "goes beyond the numbers of the file",
+            Lost::Channels(_) | Lost::OfScene(_) => "saved here",
         }
     }
 }
@@ -101,13 +170,17 @@ fn write_value(value: &Value, ty: &Ty, names: &Names, path: &Path) -> Result<Vec
                 help: "save a `render(…)`, or give the file the extension .json".to_owned(),
             })?;
             crate::image::file::save(path, &image).map_err(|e| unwritten(e, path))?;
+            let beyond = Beyond::of(value, &extension).map(Lost::Beyond);
             return Ok(match extension.as_str() {
                 "png" => lost_of(&image),
                 "hdr" => {
+                    let alpha = "an HDR file holds colours alone: the fourth channel (alpha) is left out";
+                    let alpha = (image.channels == 4).then_some(Lost::Channels(alpha));
                     let negative = negatives(&image).map(|(count, least)| Lost::Negative(count, least));
-                    NotNumbers::of(&image).map(Lost::NotNumbers).into_iter().chain(negative).collect()
+                    let broken = NotNumbers::of(&image).map(Lost::NotNumbers);
+                    broken.into_iter().chain(negative).chain(beyond).chain(alpha).collect()
                 }
-                _ => Vec::new(),
+                _ => beyond.into_iter().collect(),
             });
         }
         "apng" => {
@@ -130,7 +203,9 @@ fn write_value(value: &Value, ty: &Ty, names: &Names, path: &Path) -> Result<Vec
                     help: "save for instance `ball.mesh`, or give the file another extension".to_owned(),
                 });
             };
-            let bytes = crate::mesh::save::encode(&mesh.to_mesh(), &extension).unwrap_or_default();
+            let mesh = mesh.to_mesh();
+            readable(&mesh)?;
+            let bytes = crate::mesh::save::encode(&mesh, &extension).unwrap_or_default();
             write_atomically(path, &bytes).map_err(SaveError::Io)
         }
         other => Err(SaveError::Other {
@@ -148,7 +223,9 @@ fn write_value(value: &Value, ty: &Ty, names: &Names, path: &Path) -> Result<Vec
 /// What a PNG file does not hold of an image.
 fn lost_of(image: &Image) -> Vec<Lost> {
     let broken = NotNumbers::of(image).map(Lost::NotNumbers);
-    broken.into_iter().chain(Clipped::of(image).map(Lost::Colors)).collect()
+    let blue = "a PNG file has no two channels: they are red and green, beside a blue of 0";
+    let blue = (image.channels == 2).then_some(Lost::Channels(blue));
+    broken.into_iter().chain(Clipped::of(image).map(Lost::Colors)).chain(blue).collect()
 }
 
 /// A mesh, shape, light, camera, scene or list of such.
@@ -166,21 +243,34 @@ fn write_scene(value: &Value, names: &Names, path: &Path) -> Result<Vec<Lost>, S
             help: "the file's own scene is `scene`, without parentheses".to_owned(),
         });
     }
+    scene.parts.iter().try_for_each(|part| readable(&part.mesh))?;
     let (bytes, more) = crate::mesh::save::encode_scene(&scene, &cameras).map_err(|e| unwritten(e, path))?;
     write_atomically(path, &bytes).map_err(SaveError::Io)?;
     told.extend(more);
     Ok((!told.is_empty()).then_some(Lost::OfScene(told)).into_iter().collect())
 }
 
+/// A file with numbers that are not finite is one that no program reads, this one included.
+fn readable(mesh: &Mesh) -> Result<(), SaveError> {
+    mesh.validate().map_err(|why| SaveError::Other {
+        message: format!("the mesh cannot be written: {why}"),
+        help: "files of meshes hold numbers up to 3.4e38: scale it down, or look for what is NaN in it".to_owned(),
+    })
+}
+
 fn unwritten(error: ImageError, path: &Path) -> SaveError {
-    let why = match error {
-        ImageError::File { message, .. } => message,
-        other => other.to_string(),
+    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
+    let (why, help) = match error {
+        ImageError::File { message, .. } => (message, "check the folder, the space on the disk and the extension"),
+        ImageError::Memory(_) | ImageError::TooLarge { .. } => {
+            (error.to_string(), "save something smaller, or its parts by themselves")
+        }
+        _ if extension == "apng" => {
+            (error.to_string(), "`resize(image, width: …, height: …)` brings images to one size")
+        }
+        _ => (error.to_string(), "`.exr` holds images of any number of channels"),
     };
-    SaveError::Other {
-        message: format!("cannot write `{}`: {why}", path.display()),
-        help: "check the folder, the space on the disk and the extension".to_owned(),
-    }
+    SaveError::Other { message: format!("cannot write `{}`: {why}", path.display()), help: help.to_owned() }
 }
 
 /// The warning about what a file does not hold of the expression whose text is `of`.
@@ -211,6 +301,16 @@ pub fn lost_warning(lost: &Lost, path: &Path, of: &str) -> Diagnostic {
             };
             let help = "0 / 0, a root or a logarithm of what is negative give such, and so does all that is computed with one; `.exr` keeps them";
             Diagnostic::warning("dscene::image::nan", told).help(help)
+        }
+        Lost::Beyond(beyond) => {
+            let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy();
+            let help = "`.npy` and `.json` keep all numbers; a factor brings them into the file's range";
+            Diagnostic::warning("dscene::image::clipped", beyond.told(&name)).help(help)
+        }
+        Lost::Channels(told) => {
+            let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy();
+            let told = format!("`{name}` does not hold the channels of the image: {told}");
+            Diagnostic::warning("dscene::file::simplified", told).help("`.exr` keeps them as they are")
         }
         Lost::OfScene(told) => {
             let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy();

@@ -7,6 +7,7 @@ use std::path::Path;
 use assert_cmd::Command;
 use dscene::image::Image;
 use dscene::image::file::{self, Decoded, Encoding, decode};
+use dscene::tape::Tensor;
 use exr::image::Encoding as Storage;
 use exr::prelude::*;
 
@@ -412,5 +413,121 @@ fn an_image_is_what_was_saved() {
         let path = folder.path().join(name);
         dscene::image::file::save(&path, &image).unwrap();
         near(&read(&fs::read(&path).unwrap()).image.data, &image.data, tolerance);
+    }
+}
+
+/// Every line is one save, with what is told of it; nothing is told of the others.
+#[test]
+fn what_a_file_does_not_hold_of_an_image_is_told_when_it_is_saved() {
+    let folder = tempfile::tempdir().unwrap();
+    let colours = "image([[[0.1, 0.5, 1, 0.5], [0.25, 1, 0, 0]]])";
+    let rows: &[(&str, &[&str])] = &[
+        (
+            &format!("{colours} to \"i4.hdr\""),
+            &["`i4.hdr` does not hold the channels of the image", "(alpha) is left out"],
+        ),
+        (&format!("{colours} to \"i4.exr\""), &[]),
+        (&format!("{colours} to \"i4.png\""), &[]),
+        ("image([[[0.1, 0.5], [0.2, 0]]]) to \"i2.png\"", &["`i2.png` does not hold the channels", "a blue of 0"]),
+        ("image([[[0.1, 0.5], [0.2, 0]]]) to \"i2.exr\"", &[]),
+        (
+            "image([[1, 1e39, 1e-46], [70000, 1 / 3, -1e40]]) to \"big.exr\"",
+            &[
+                "2 pixels of `big.exr` are beyond its numbers; the first, [1, 0], is 1e39, and infinite in the file",
+                "its numbers end at 3.4e38",
+            ],
+        ),
+        ("image([[1, 1 / 0, 0.5]]) to \"infinite.exr\"", &[]),
+        ("image([[0, 1e-46]]) to \"small.exr\"", &["the pixel [1, 0] of `small.exr` is 1e-46, and 0 in the file"]),
+        (
+            "image([[1e39, 1, 1]]) to \"big.hdr\"",
+            &["the pixel [0, 0] of `big.hdr` is 1e39, and the brightest that there is in the file", "end at 1.6e38"],
+        ),
+        (
+            "image([[1e-39, 1e-40]]) to \"small.hdr\"",
+            &["2 pixels of `small.hdr`", "[0, 0], is 1e-39, and 0 in the file"],
+        ),
+        // Beside what is so much brighter nobody sees it.
+        ("image([[1e-39, 1, 1]]) to \"dark.hdr\"", &[]),
+        ("image([[0.5, 0]]) to \"grey.hdr\"", &[]),
+    ];
+    for (saved, told) in rows {
+        fs::write(folder.path().join("s.dscene"), format!("save {saved}\n")).unwrap();
+        let (code, text) = dsl(folder.path(), &["run", "s.dscene", "--out", "o", "--force"]);
+        let text = text.split_whitespace().filter(|w| *w != "│").collect::<Vec<&str>>().join(" ");
+        assert_eq!((code, text.matches("dscene::").count()), (0, usize::from(!told.is_empty())), "{saved}: {text}");
+        for words in *told {
+            assert!(text.contains(words), "{saved}: {text}");
+        }
+    }
+    // Where the number of channels is known, the checker refuses it.
+    let array = Tensor::new(vec![1, 1, 2], vec![0.5, 1.0]);
+    fs::write(folder.path().join("a.npy"), dscene::data::npy::encode(&array)).unwrap();
+    for (script, says) in [
+        ("save image([[[0.1, 0.5], [0.2, 0]]]) to \"a.hdr\"\n", "cannot be saved as `.hdr`"),
+        ("save [[[0.1, 0.5], [0.2, 0]]] to \"a.hdr\"\n", "cannot be saved as `.hdr`"),
+        (
+            "save load_array(\"a.npy\") to \"a.hdr\"\n",
+            "an HDR file holds colours, not 2 channels … help: `.exr` holds images of any number of channels",
+        ),
+        (
+            "save [image([[1]]), image([[1, 2]])] to \"a.apng\"\n",
+            "have one size, … help: `resize(image, width: …, height: …)` brings images to one size",
+        ),
+    ] {
+        fs::write(folder.path().join("s.dscene"), script).unwrap();
+        let (code, text) = dsl(folder.path(), &["run", "s.dscene", "--out", "o", "--force"]);
+        let text = text.split_whitespace().filter(|w| *w != "│").collect::<Vec<&str>>().join(" ");
+        assert!(code == 1 && says.split(" … ").all(|words| text.contains(words)), "{script}: {text}");
+    }
+}
+
+/// In a list of files one sees which is meant.
+#[test]
+fn notes_of_images_and_data_name_their_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let put = |name: &str, bytes: &[u8]| fs::write(folder.path().join(name), bytes).unwrap();
+    let plain = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\nPRIMARIES=0 0 0 0 0 0 0 0\n\n-Y 1 +X 1\n\x80\x80\x80\x80";
+    put("one.hdr", plain);
+    put("two.hdr", plain);
+    let animated = folder.path().join("moving.png");
+    let frames = [0.0, 1.0].map(|x| Image { width: 1, height: 1, channels: 1, data: vec![x] });
+    file::save_animation(&animated, &frames).unwrap();
+    let infinite = Image { width: 1, height: 1, channels: 1, data: vec![f32::INFINITY] };
+    file::save(&folder.path().join("far.exr"), &infinite).unwrap();
+    put("ids.json", b"[9007199254740993]");
+    put("ids.csv", b"id\n9007199254740993\n");
+    let mut array = dscene::data::npy::encode(&Tensor::vector(vec![1.0, 2.0]));
+    array.push(7);
+    put("more.npy", &array);
+    put("twice.json", b"{\"a\": 1, \"a\": 2}");
+    put("none.obj", b"v 0 0 0\n");
+    let run = |script: &str| {
+        fs::write(folder.path().join("s.dscene"), script).unwrap();
+        let (code, text) = dsl(folder.path(), &["run", "s.dscene", "--out", "o", "--force"]);
+        (code, text.split_whitespace().filter(|w| *w != "│").collect::<Vec<&str>>().join(" "))
+    };
+    let (code, text) =
+        run("print [mean(load_image(f)) for f in [\"one.hdr\", \"two.hdr\", \"moving.png\", \"far.exr\"]]\n\
+         print load_json(\"ids.json\"), load_table(\"ids.csv\"), load_array(\"more.npy\")\n");
+    assert_eq!(code, 0, "{text}");
+    let rounded = "an integer beyond 2^53 is rounded: 9007199254740993";
+    for words in [
+        "one.hdr: the HDR file has PRIMARIES",
+        "two.hdr: the HDR file has PRIMARIES",
+        "moving.png: the PNG file is animated",
+        "far.exr: the image's pixel [0, 0] is infinite",
+        &format!("ids.json: {rounded} in line 1, taken as 9007199254740992"),
+        &format!("ids.csv: {rounded} in row 2, taken as 9007199254740992"),
+        "more.npy: 1 bytes after the numbers that its shape promises are left out",
+    ] {
+        assert!(text.contains(words), "{words}: {text}");
+    }
+    for (script, says) in [
+        ("print load_json(\"twice.json\")\n", "twice.json: two fields of an object are named “a” at line 1"),
+        ("print load(\"none.obj\")\n", "none.obj: the file has no triangles"),
+    ] {
+        let (code, text) = run(script);
+        assert!(code == 1 && text.contains(says), "{script}: {text}");
     }
 }

@@ -734,3 +734,26 @@ fn warnings_are_objects_where_errors_are() {
     let told = objects.iter().filter(|o| o.to_string().contains("bump of “m”")).count();
     assert_eq!(told, 1, "{all}");
 }
+
+/// What cannot be read again is not written.
+#[test]
+fn a_mesh_that_is_not_finite_is_not_written() {
+    let folder = tempfile::tempdir().unwrap();
+    for (value, ending) in [
+        ("sphere() |> scale(1e39)", "ply"),
+        ("sphere() |> scale(1e39)", "obj"),
+        ("sphere() |> scale(1e39)", "glb"),
+        ("[sphere(), cube() |> translate([1e39, 0, 0])]", "glb"),
+    ] {
+        let script = format!("save {value} to \"m.{ending}\"\n");
+        std::fs::write(folder.path().join("s.dscene"), &script).unwrap();
+        let mut command = assert_cmd::Command::cargo_bin("dsl").unwrap();
+        let command = command.current_dir(folder.path()).args(["run", "s.dscene", "--out", "o", "--force"]);
+        let output = command.output().unwrap();
+        let text = String::from_utf8_lossy(&output.stderr).into_owned();
+        let text = text.split_whitespace().filter(|w| *w != "│").collect::<Vec<&str>>().join(" ");
+        assert_eq!(output.status.code(), Some(1), "{script}{text}");
+        assert!(text.contains("the mesh cannot be written: vertex 0") && text.contains("3.4e38"), "{script}{text}");
+        assert!(!folder.path().join("o").join(format!("m.{ending}")).exists(), "{script}");
+    }
+}

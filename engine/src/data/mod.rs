@@ -2,6 +2,12 @@
 //! those of the language.
 
 pub mod ies;
+mod integers;
 pub mod npy;
 pub mod safetensors;
 pub mod table;
+
+pub use integers::Rounded;
+
+/// What was read of a file, and a sentence about each thing of it that is not done.
+pub type Noted<T> = (T, Vec<String>);

@@ -1,22 +1,12 @@
 //! NumPy's `.npy` files (numpy.lib.format, versions 1 to 3): one array of numbers.
 
 use super::safetensors::half;
+use super::{Noted, Rounded};
 use crate::memory;
 use crate::tape::Tensor;
 
-/// An array, and what it could not keep: a sentence.
-pub struct Read {
-    /// The numbers, row by row in the file's shape.
-    pub array: Tensor,
-    /// That integers were rounded, if some were.
-    pub note: Option<String>,
-}
-
-/// Integers beyond this are not all doubles.
-const EXACT: f64 = 9_007_199_254_740_992.0;
-
-/// An array of booleans, whole or floating-point numbers, in either order of bytes and of axes.
-pub fn decode(bytes: &[u8]) -> Result<Read, String> {
+/// An array of booleans, whole or floating-point numbers, in either order of bytes and of axes: its numbers row by row.
+pub fn decode(bytes: &[u8]) -> Result<Noted<Tensor>, String> {
     let rest = bytes.strip_prefix(b"\x93NUMPY").ok_or("this is no .npy file")?;
     let cut = "the file ends within its header";
     let (version, rest) = rest.split_at_checked(2).ok_or(cut)?;
@@ -65,13 +55,24 @@ pub fn decode(bytes: &[u8]) -> Result<Read, String> {
         if big {
             all[..width].reverse();
         }
-        read(all)
+        all
     };
-    let stored: Vec<f64> = data[..needed].chunks_exact(width.max(1)).map(element).collect();
-    let rounded = matches!(kind, "u8" | "i8") && stored.iter().any(|x| x.abs() > EXACT);
-    let note = rounded.then(|| "the array has integers beyond 2^53, which are rounded".to_owned());
+    let elements = || data[..needed].chunks_exact(width.max(1)).map(element);
+    let stored: Vec<f64> = elements().map(read).collect();
+    let mut rounded = Rounded::default();
+    // Only what comes out above 2^53, or as that, may have been rounded.
+    for (i, (element, _)) in elements().zip(&stored).enumerate().filter(|(_, (_, x))| x.abs() >= (1_u64 << 53) as f64) {
+        let place = || format!("at {i} in the order of the file");
+        match kind {
+            "u8" => rounded.see(&u64::from_le_bytes(element).to_string(), place),
+            "i8" => rounded.see(&i64::from_le_bytes(element).to_string(), place),
+            _ => break,
+        }
+    }
+    let more = data.len() - needed;
+    let left = (more > 0).then(|| format!("{more} bytes after the numbers that its shape promises are left out"));
     let data = if fortran { by_rows(&stored, &shape)? } else { stored };
-    Ok(Read { array: Tensor { shape, data }, note })
+    Ok((Tensor { shape, data }, rounded.note().into_iter().chain(left).collect()))
 }
 
 /// The `.npy` file of an array: doubles, little-endian, row by row.
@@ -160,7 +161,7 @@ mod tests {
 
     #[test]
     fn every_type_and_order_of_bytes_is_read() {
-        let array = |descr: &str, data: &[u8]| decode(&file(descr, false, "(2,)", data)).map(|r| r.array.data);
+        let array = |descr: &str, data: &[u8]| decode(&file(descr, false, "(2,)", data)).map(|(array, _)| array.data);
         let both = |a: &[u8], b: &[u8]| [a, b].concat();
         assert_eq!(array("<f2", &both(&0x3e00u16.to_le_bytes(), &0xc000u16.to_le_bytes())), Ok(vec![1.5, -2.0]));
         assert_eq!(array("<f4", &both(&1.5f32.to_le_bytes(), &(-2f32).to_le_bytes())), Ok(vec![1.5, -2.0]));
@@ -175,8 +176,18 @@ mod tests {
         assert_eq!(array("<i4", &both(&(-5i32).to_le_bytes(), &7i32.to_le_bytes())), Ok(vec![-5.0, 7.0]));
         assert_eq!(array(">i8", &both(&(-5i64).to_be_bytes(), &7i64.to_be_bytes())), Ok(vec![-5.0, 7.0]));
         assert_eq!(array("<u8", &both(&5u64.to_le_bytes(), &7u64.to_le_bytes())), Ok(vec![5.0, 7.0]));
-        let large = decode(&file("<u8", false, "(1,)", &u64::MAX.to_le_bytes())).ok().and_then(|r| r.note);
-        assert!(large.is_some_and(|n| n.contains("2^53")));
+        let notes = |descr: &str, data: &[u8]| decode(&file(descr, false, "(2,)", data)).unwrap().1;
+        let odd = (1_u64 << 53) + 1;
+        assert_eq!(
+            notes("<i8", &both(&7i64.to_le_bytes(), &(-(odd as i64)).to_le_bytes())),
+            [
+                "an integer beyond 2^53 is rounded: -9007199254740993 at 1 in the order of the file, taken as -9007199254740992"
+            ]
+        );
+        assert!(notes(">u8", &both(&u64::MAX.to_be_bytes(), &odd.to_be_bytes()))[0].starts_with("2 integers beyond"));
+        assert!(notes("<u8", &both(&(1_u64 << 60).to_le_bytes(), &0_u64.to_le_bytes())).is_empty());
+        assert!(notes("<f8", &both(&1e300f64.to_le_bytes(), &1e17f64.to_le_bytes())).is_empty());
+        assert_eq!(notes("|u1", &[1, 2, 3, 4, 5]), ["3 bytes after the numbers that its shape promises are left out"]);
         assert!(array("<c8", &[0; 16]).unwrap_err().contains("“<c8” are not read"));
         assert!(array("<f8", &[0; 15]).unwrap_err().contains("promises 16 bytes"));
     }
@@ -184,7 +195,7 @@ mod tests {
     #[test]
     fn columns_first_is_turned_round() {
         let data: Vec<u8> = [1u8, 2, 3, 4, 5, 6].to_vec();
-        let found = |fortran, shape| decode(&file("|u1", fortran, shape, &data)).map(|r| r.array);
+        let found = |fortran, shape| decode(&file("|u1", fortran, shape, &data)).map(|(array, _)| array);
         let rows = found(false, "(2, 3)").unwrap();
         assert_eq!((rows.shape, rows.data), (vec![2, 3], vec![1.0, 2.0, 3.0, 4.0, 5.0, 6.0]));
         let columns = found(true, "(2, 3)").unwrap();
@@ -198,11 +209,11 @@ mod tests {
             let array = Tensor { shape, data: (0..n).map(|i| i as f64 / 7.0 - 1e300).collect() };
             let bytes = encode(&array);
             assert_eq!(bytes.len() % 64, n * 8 % 64, "the numbers are aligned");
-            assert_eq!(decode(&bytes).map(|r| r.array), Ok(array));
+            assert_eq!(decode(&bytes), Ok((array, Vec::new())));
         }
         let truths = Tensor { shape: vec![2, 2], data: vec![1.0, 0.0, 0.0, 1.0] };
         let bytes = encode_truths(&truths);
         assert_eq!(bytes.len() % 64, 4, "a byte each");
-        assert_eq!(decode(&bytes).map(|r| r.array), Ok(truths));
+        assert_eq!(decode(&bytes), Ok((truths, Vec::new())));
     }
 }

@@ -1,5 +1,8 @@
 //! Tables of text (`.csv`): rows of numbers or words, with or without a first row of names.
 
+use std::io::Read;
+
+use super::{Noted, Rounded};
 use crate::memory;
 use crate::tape::Tensor;
 
@@ -83,31 +86,45 @@ fn rows(text: &str, by: Separator) -> Result<Vec<Vec<String>>, String> {
             };
         }
     };
+    // A row of its own after the last: within a quotation that is not closed it is part of a cell, as is all that follows the mark.
+    const END: &str = "\nthe end\n";
     let mut reader = csv::ReaderBuilder::new()
         .has_headers(false)
         .comment(Some(b'#'))
         .delimiter(delimiter)
         .trim(csv::Trim::All)
-        .from_reader(text.as_bytes());
-    let mut rows = Vec::new();
+        .flexible(true)
+        .from_reader(text.as_bytes().chain(END.as_bytes()));
+    let mut rows: Vec<Vec<String>> = Vec::new();
+    let mut uneven = None;
+    let mut last = 0;
     for record in reader.records() {
-        let record = record.map_err(|e| match e.kind() {
-            csv::ErrorKind::UnequalLengths { pos, expected_len, len } => {
-                let line = pos.as_ref().map_or(0, csv::Position::line);
-                let open = if text.matches('"').count() % 2 == 1 { ": a quotation mark is not closed" } else { "" };
-                format!("line {line} has {len} cells, those before have {expected_len}{open}")
-            }
-            _ => e.to_string(),
-        })?;
+        let record = record.map_err(|e| e.to_string())?;
+        last = record.position().map_or(0, csv::Position::line);
+        let length = rows.first().map_or(record.len(), Vec::len);
+        if record.len() != length && uneven.is_none() {
+            uneven = Some((rows.len(), format!("line {last} has {} cells, those before have {length}", record.len())));
+        }
         rows.push(record.iter().map(str::to_owned).collect());
     }
-    Ok(rows)
+    match rows.pop() {
+        Some(row) if row == [END.trim()] => {}
+        _ => {
+            return Err(format!(
+                "line {last}: a quotation mark is not closed, and all that follows it would be one cell"
+            ));
+        }
+    }
+    match uneven {
+        Some((row, told)) if row < rows.len() => Err(told),
+        _ => Ok(rows),
+    }
 }
 
 /// Reads a table. Cells are parted by commas, or by semicolons or tabs if the first row has no comma, or by blanks between numbers; where
 /// semicolons part numbers these may have a decimal comma. Lines that begin with `#` are comments. A first row with a word in it has the
-/// columns' names. Empty cells among numbers are not-a-number.
-pub fn decode(bytes: &[u8]) -> Result<Table, String> {
+/// columns' names. Empty cells among numbers are not-a-number. Told is that integers are rounded.
+pub fn decode(bytes: &[u8]) -> Result<Noted<Table>, String> {
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     // A cell of one digit becomes a string and then a number.
     memory::ask(bytes.len() as u64 * 40).map_err(|e| e.to_string())?;
@@ -121,9 +138,12 @@ pub fn decode(bytes: &[u8]) -> Result<Table, String> {
     let Some(first) = rows.first() else { return Err("the table is empty".to_owned()) };
     let columns = first.len();
     let named = first.iter().any(|cell| number(cell).is_none());
+    let mut rounded = Rounded::default();
     if !named && rows.iter().flatten().all(|cell| number(cell).is_some()) {
         let data = rows.iter().flatten().filter_map(|cell| number(cell)).collect();
-        return Ok(Table::Rows(Tensor { shape: vec![rows.len(), columns], data }));
+        (0..columns).try_for_each(|c| faithful(&rows, c, 0, &number, &mut rounded))?;
+        let table = Table::Rows(Tensor { shape: vec![rows.len(), columns], data });
+        return Ok((table, rounded.note().into_iter().collect()));
     }
     if !named {
         let place = rows.iter().position(|r| r.iter().any(|c| number(c).is_none())).unwrap_or(0);
@@ -135,7 +155,10 @@ pub fn decode(bytes: &[u8]) -> Result<Table, String> {
         let cells = || rows[1..].iter().map(|row| row[c].as_str());
         let numbers: Option<Vec<f64>> = cells().map(&number).collect();
         let column = match numbers {
-            Some(numbers) => Column::Numbers(numbers),
+            Some(numbers) => {
+                faithful(&rows, c, 1, &number, &mut rounded)?;
+                Column::Numbers(numbers)
+            }
             None => Column::Words(cells().map(str::to_owned).collect()),
         };
         let name = field_name(name, c);
@@ -144,7 +167,27 @@ pub fn decode(bytes: &[u8]) -> Result<Table, String> {
         }
         out.push((name, column));
     }
-    Ok(Table::Columns(out))
+    Ok((Table::Columns(out), rounded.note().into_iter().collect()))
+}
+
+/// Looks through the cells of a column of numbers, from the first row with some, for what no double holds: fails for a number beyond the
+/// largest, which would be infinite.
+fn faithful(
+    rows: &[Vec<String>],
+    column: usize,
+    first: usize,
+    number: &impl Fn(&str) -> Option<f64>,
+    rounded: &mut Rounded,
+) -> Result<(), String> {
+    for (i, row) in rows.iter().enumerate().skip(first) {
+        let cell = &row[column];
+        // The word for infinity has no digits.
+        if cell.contains(|c: char| c.is_ascii_digit()) && number(cell).is_some_and(f64::is_infinite) {
+            return Err(format!("row {} has “{cell}”, which is beyond the largest number, 1.8e308", i + 1));
+        }
+        rounded.see(cell, || format!("in row {}", i + 1));
+    }
+    Ok(())
 }
 
 /// The text of a table: rows of cells, the first with the names if there are any.
@@ -177,7 +220,7 @@ mod tests {
 
     fn columns(text: &str) -> Vec<(String, Column)> {
         match decode(text.as_bytes()) {
-            Ok(Table::Columns(columns)) => columns,
+            Ok((Table::Columns(columns), _)) => columns,
             other => panic!("{other:?}"),
         }
     }
@@ -185,7 +228,7 @@ mod tests {
     #[test]
     fn rows_of_numbers_are_an_array() {
         let rows = |text: &str| match decode(text.as_bytes()) {
-            Ok(Table::Rows(t)) => (t.shape, t.data),
+            Ok((Table::Rows(t), _)) => (t.shape, t.data),
             other => panic!("{other:?}"),
         };
         let expected = (vec![2, 3], vec![1.0, 2.5, -3e4, 4.0, 5.0, 6.0]);
@@ -221,10 +264,24 @@ mod tests {
         assert_eq!(error("1,2\n3,x\n"), "row 2 has “x” among numbers, and the first row has no names");
         assert_eq!(error(""), "the table is empty");
         assert_eq!(error("1 2\n3\n"), "row 2 has 1 cells, those before have 2");
-        assert_eq!(
-            error("1,2\n\"3,4\n5,6\n"),
-            "line 2 has 1 cells, those before have 2: a quotation mark is not closed"
-        );
+        let open = |line: usize| {
+            format!("line {line}: a quotation mark is not closed, and all that follows it would be one cell")
+        };
+        assert_eq!(error("1,2\n\"3,4\n5,6\n"), open(2));
+        assert_eq!(error("x,y\n1,\"abc\n2,d\n3,e\n"), open(2));
+        assert_eq!(error("x;y\n1;a\n# 2\n3;\"e"), open(4));
+        assert_eq!(error("name\n\"a\nb"), open(2));
+        let closed = columns("x,y\n1,\"a \"\"b\"\"\nc\"\n2,5\"\n#\"");
+        assert_eq!(closed[1].1, Column::Words(vec!["a \"b\"\nc".to_owned(), "5\"".to_owned()]));
+        assert_eq!(columns("the end\n1\n")[0].1, Column::Numbers(vec![1.0]));
+        assert_eq!(error("x,y\n1,2\n3,-1e400\n"), "row 3 has “-1e400”, which is beyond the largest number, 1.8e308");
+        assert_eq!(error("1 1e400\n3 4\n"), "row 1 has “1e400”, which is beyond the largest number, 1.8e308");
+        assert_eq!(columns("commit,n\n12e4567,-inf\nab,2\n")[1].1, Column::Numbers(vec![f64::NEG_INFINITY, 2.0]));
+        let notes = |text: &str| decode(text.as_bytes()).unwrap().1;
+        let told = ["an integer beyond 2^53 is rounded: 9007199254740993 in row 2, taken as 9007199254740992"];
+        assert_eq!(notes("id,n\n9007199254740993,1\n"), told);
+        assert_eq!(notes("1,2\n3,9007199254740993\n"), told);
+        assert!(notes("id\n9007199254740993\nx\n").is_empty(), "words keep their digits");
         assert!(decode(b"a,b\nM\xfcller,1\n").unwrap_err().contains("line 2 is not valid UTF-8"));
         assert_eq!(error("a,a\n1,2\n"), "two columns are named “a”");
     }

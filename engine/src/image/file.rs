@@ -6,6 +6,7 @@ use image::metadata::Orientation;
 
 pub use crate::files::{describe_io, is_file, read_bytes, write_atomically};
 
+pub use super::hdr::BRIGHTEST;
 pub use super::png::Clipped;
 
 use super::{Image, ImageError, exr, hdr, jpeg, png};
@@ -48,7 +49,8 @@ pub fn load(path: &Path, encoding: Encoding, layer: Option<&str>) -> Result<Deco
     decode(&bytes, encoding, layer).map_err(|e| failed(e.to_string()))
 }
 
-/// Writes an image in the format of the extension: PNG in 8 bits, sRGB-encoded and clipped to 0..1; HDR and EXR linear.
+/// Writes an image in the format of the extension: PNG in 8 bits, sRGB-encoded and clipped to 0..1; HDR and EXR linear. The error is
+/// [`ImageError::File`] only where the file could not be written.
 pub fn save(path: &Path, image: &Image) -> Result<(), ImageError> {
     let extension = extension(path);
     let failed = |message: String| ImageError::File { path: path.display().to_string(), message };
@@ -60,15 +62,14 @@ pub fn save(path: &Path, image: &Image) -> Result<(), ImageError> {
             let path = path.display().to_string();
             return Err(ImageError::UnsupportedExtension { path, action: "writing", extension, extensions: &WRITABLE });
         }
-    }
-    .map_err(|e| failed(e.to_string()))?;
+    }?;
     write_atomically(path, &bytes).map_err(|e| failed(describe_io(&e)))
 }
 
 /// Writes images of one size as an animation, an animated PNG file.
 pub fn save_animation(path: &Path, frames: &[Image]) -> Result<(), ImageError> {
     let failed = |message: String| ImageError::File { path: path.display().to_string(), message };
-    let bytes = png::encode_animation(frames).map_err(|e| failed(e.to_string()))?;
+    let bytes = png::encode_animation(frames)?;
     write_atomically(path, &bytes).map_err(|e| failed(describe_io(&e)))
 }
 

@@ -161,14 +161,14 @@ fn from_xyz([x, y, z]: [f32; 3]) -> [f32; 3] {
 }
 
 /// What is brighter is this bright in a file, whose exponents have eight bits: they end at 2¹²⁷.
-const BRIGHTEST: f32 = 1.6e38;
+pub const BRIGHTEST: f32 = 1.6e38;
 
 /// The Radiance HDR file of an image; alpha is dropped, grey becomes a colour. What is negative or no number becomes black.
 pub(super) fn encode(image: &Image) -> Result<Vec<u8>, ImageError> {
     image.check()?;
     if !matches!(image.channels, 1 | 3 | 4) {
         let n = image.channels;
-        return Err(ImageError::Argument(format!("an HDR file holds colours, not {n} channels; save as .exr instead")));
+        return Err(ImageError::Argument(format!("an HDR file holds colours, not {n} channels")));
     }
     let at = |pixel: &[f32], c: usize| match pixel[if pixel.len() == 1 { 0 } else { c }] {
         // An exponent below those of the file would come out as a large one.

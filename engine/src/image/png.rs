@@ -199,7 +199,7 @@ fn color_of(image: &Image) -> Result<ColorType, ImageError> {
         1 => Ok(ColorType::Grayscale),
         2 | 3 => Ok(ColorType::Rgb),
         4 => Ok(ColorType::Rgba),
-        n => Err(ImageError::Argument(format!("a PNG file holds 1 to 4 channels, not {n}; save as .exr instead"))),
+        n => Err(ImageError::Argument(format!("a PNG file holds 1 to 4 channels, not {n}"))),
     }
 }
 

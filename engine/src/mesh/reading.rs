@@ -130,16 +130,17 @@ impl<'a> Reading<'a> {
         if let Some(known) = self.images.get(&key) {
             return known.clone();
         }
-        let read = read_bytes(&key.0).and_then(|bytes| self.decoded(&bytes, encoding));
+        let read =
+            read_bytes(&key.0).and_then(|bytes| self.decoded(&bytes, encoding, &format!("image “{name}” of {whose}")));
         let image = read.map_err(|message| self.notes.say(format!("image “{name}” of {whose}: {message}"))).ok();
         self.images.insert(key, image.clone());
         image
     }
 
-    /// Decodes an image from bytes.
-    pub fn decoded(&mut self, bytes: &[u8], encoding: Encoding) -> Result<Arc<Image>, String> {
+    /// Decodes an image from bytes. What is not done of it is reported by its name.
+    pub fn decoded(&mut self, bytes: &[u8], encoding: Encoding, name: &str) -> Result<Arc<Image>, String> {
         let Decoded { image, notes } = decode(bytes, encoding, None).map_err(|e: ImageError| e.to_string())?;
-        notes.into_iter().for_each(|note| self.notes.say(format!("of an image: {note}")));
+        notes.into_iter().for_each(|note| self.notes.say(format!("{name}: {note}")));
         memory::ask(TEXEL_BYTES * image.data.len() as u64).map_err(|e| e.to_string())?;
         Ok(Arc::new(image))
     }

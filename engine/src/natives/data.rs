@@ -2,18 +2,18 @@
 
 use std::sync::Arc;
 
-use crate::data::{ies, npy, table};
+use crate::data::{Noted, ies, npy, table};
 use crate::files::read_bytes;
 use crate::stop;
 use crate::tape::{Tensor, Var};
 
-use super::files::reading;
+use super::files::{reading, tell};
 use super::value::Value;
 use super::{Args, Native, NativeError, Result, json};
 
 pub(super) const TABLE: &[(&str, Native)] = &[
-    ("load_json", |a| read(a, json::decode)),
-    ("load_table", |a| match read(a, table::decode)? {
+    ("load_json", |a| read(a, 0, json::decode)),
+    ("load_table", |a| match read(a, 0, table::decode)? {
         table::Table::Rows(rows) => Ok(Value::tensor(rows)),
         table::Table::Columns(columns) => {
             let value = |column| match column {
@@ -24,26 +24,19 @@ pub(super) const TABLE: &[(&str, Native)] = &[
         }
     }),
     ("load_profile", |a| Ok(Value::Image(load_profile(a, 0)?))),
-    ("load_array", |a| {
-        let read = read(a, npy::decode)?;
-        if let Some(note) = read.note {
-            a.warn(NativeError::at(0, note));
-        }
-        Ok(Value::tensor(read.array))
-    }),
+    ("load_array", |a| Ok(Value::tensor(read(a, 0, npy::decode)?))),
 ];
 
-/// Reads the file that the first argument names and decodes its bytes with `decode`.
-fn read<T: Send + 'static>(a: &Args, decode: fn(&[u8]) -> Result<T, String>) -> Result<T> {
-    read_at(a, 0, decode)
-}
-
-/// [`read`] for the file that another argument names.
-fn read_at<T: Send + 'static>(a: &Args, index: usize, decode: fn(&[u8]) -> Result<T, String>) -> Result<T> {
+/// Reads the file that an argument names and decodes its bytes with `decode`. Warns about what of it is not done.
+fn read<T: Send + 'static>(a: &Args, index: usize, decode: fn(&[u8]) -> Result<Noted<T>, String>) -> Result<T> {
     let path = a.path(index)?;
     let _work = reading(&path);
-    let decoded = stop::apart(move || decode(&read_bytes(&path)?));
-    decoded.map_err(|e| NativeError::at(index, format!("{}: {e}", a.string(index).unwrap_or_default())))
+    let from = path.clone();
+    let decoded = stop::apart(move || decode(&read_bytes(&from)?));
+    let (value, notes) =
+        decoded.map_err(|e| NativeError::at(index, format!("{}: {e}", a.string(index).unwrap_or_default())))?;
+    tell(a, index, &path, notes);
+    Ok(value)
 }
 
 /// Whether a file is a photometric one, by its ending.
@@ -53,12 +46,9 @@ pub(super) fn is_photometric(path: &str) -> bool {
 
 /// The map of the photometric file that an argument names. Warns about what of it is not done.
 pub(super) fn load_profile(a: &Args, index: usize) -> Result<Var> {
-    let (map, notes) = read_at(a, index, |bytes| {
+    let map = read(a, index, |bytes| {
         let luminaire = ies::decode(bytes)?;
         Ok((luminaire.map()?, luminaire.notes))
     })?;
-    for note in notes {
-        a.warn(NativeError::at(index, note));
-    }
     Ok(Var::constant(map))
 }

@@ -33,9 +33,9 @@ pub(super) const TABLE: &[(&str, Native)] = &[
         let merged = stop::apart(move || load(&from, Wanted::Mesh).and_then(Loaded::merged));
         let (mesh, warnings) = merged.map_err(refused)?;
         if mesh.faces.is_empty() {
-            return Err(empty("no triangles", &warnings));
+            return Err(empty(&path, "no triangles", &warnings));
         }
-        tell(a, &path, warnings);
+        tell(a, 0, &path, warnings);
         Ok(Value::Mesh(Arc::new((&mesh).into())))
     }),
     ("load_scene", |a| Ok(Value::Scene(Arc::new(load_scene(a)?)))),
@@ -46,7 +46,7 @@ pub(super) const TABLE: &[(&str, Native)] = &[
 
 /// Says that a file is being read, to whoever looks.
 pub(super) fn reading(path: &Path) -> work::Work {
-    work::begin(format!("reading {}", path.file_name().unwrap_or(path.as_os_str()).display()), 0)
+    work::begin(format!("reading {}", file_name(path)), 0)
 }
 
 fn refused(e: MeshError) -> NativeError {
@@ -54,18 +54,22 @@ fn refused(e: MeshError) -> NativeError {
 }
 
 /// A file without what is looked for, and what was found in its place.
-fn empty(what: &str, warnings: &[String]) -> NativeError {
+fn empty(path: &Path, what: &str, warnings: &[String]) -> NativeError {
     let others: Vec<&str> = warnings.iter().map(String::as_str).filter(|w| *w != NO_TRIANGLE).collect();
-    let error = NativeError::at(0, format!("the file has {what}"));
+    let error = NativeError::at(0, format!("{}: the file has {what}", file_name(path)));
     if others.is_empty() { error } else { error.help(others.join("; ")) }
 }
 
-/// Warns about features of a file that are not supported.
-fn tell(a: &Args, path: &Path, warnings: Vec<String>) {
-    let file = path.file_name().map(|n| n.to_string_lossy()).unwrap_or_default();
+/// Warns about what is not done of a file that an argument names, by its name: one call may read many.
+pub(super) fn tell(a: &Args, index: usize, path: &Path, warnings: Vec<String>) {
+    let file = file_name(path);
     for warning in warnings {
-        a.warn(NativeError::at(0, format!("{file}: {warning}")));
+        a.warn(NativeError::at(index, format!("{file}: {warning}")));
     }
+}
+
+fn file_name(path: &Path) -> std::borrow::Cow<'_, str> {
+    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy()
 }
 
 /// The parts of a file as shapes; parts that emit light as lights.
@@ -82,9 +86,9 @@ fn load_scene(a: &Args) -> Result<SceneValue> {
     }
     scene.lights.extend(lights.iter().map(|l| Arc::new(light(l))));
     if scene.shapes.is_empty() && scene.lights.is_empty() {
-        return Err(empty("no triangles and no lights", &warnings));
+        return Err(empty(&path, "no triangles and no lights", &warnings));
     }
-    tell(a, &path, warnings);
+    tell(a, 0, &path, warnings);
     Ok(scene)
 }
 
@@ -262,9 +266,9 @@ fn cameras(a: &Args) -> Result<Value> {
     let from = path.clone();
     let _work = reading(&path);
     let (cameras, warnings) = stop::apart(move || load_cameras(&from)).map_err(refused)?;
-    tell(a, &path, warnings);
+    tell(a, 0, &path, warnings);
     if cameras.is_empty() {
-        return Err(NativeError::at(0, "the file has no cameras"));
+        return Err(empty(&path, "no cameras", &[]));
     }
     let film = match a.named("film") {
         Some((i, _)) => Some(super::scene::film(a, i)?),

@@ -10,7 +10,7 @@ use crate::render::texture::mip_sizes;
 use crate::stop;
 use crate::tape::{AxisFilter, CustomOp, Slice, TapeError, Tensor, Var};
 
-use super::files::reading;
+use super::files::{reading, tell};
 use super::value::Value;
 use super::{Args, Native, NativeError, Result};
 
@@ -66,11 +66,10 @@ pub(super) fn decoded_image(a: &Args, index: usize) -> Result<Image> {
     let layer = a.named_string("layer")?;
     let (path, layer) = (a.path(index)?, layer.map(str::to_owned));
     let _work = reading(&path);
-    let decoded = stop::apart(move || file::load(&path, encoding, layer.as_deref()));
+    let from = path.clone();
+    let decoded = stop::apart(move || file::load(&from, encoding, layer.as_deref()));
     let decoded = decoded.map_err(|e| NativeError::at(index, e.to_string()))?;
-    for note in decoded.notes {
-        a.warn(NativeError::at(index, note));
-    }
+    tell(a, index, &path, decoded.notes);
     Ok(decoded.image)
 }
 

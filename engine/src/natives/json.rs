@@ -1,11 +1,12 @@
 //! JSON as values of the language. Numbers are gathered as they are read: a tree of them would take some twenty times as much memory as the text.
 
-use std::collections::HashMap;
+use std::collections::HashSet;
 use std::fmt;
 use std::sync::Arc;
 
 use serde::de::{Deserialize, Deserializer, Error, MapAccess, SeqAccess, Visitor};
 
+use crate::data::{Noted, Rounded};
 use crate::memory::{self, Shortage};
 use crate::tape::Tensor;
 
@@ -18,9 +19,37 @@ const FEW: usize = 16;
 
 /// The value of a JSON text. Objects become records, and arrays of numbers tensors if their lengths agree. Numbers that are not finite are the
 /// strings `"nan"`, `"inf"` or `"-inf"` in files written here; many other programs write NaN as `null`.
-pub(super) fn decode(bytes: &[u8]) -> Result<Value, String> {
+/// No two fields of an object have one name. Told is that integers are rounded.
+pub(super) fn decode(bytes: &[u8]) -> Result<Noted<Value>, String> {
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
-    serde_json::from_slice::<Read>(bytes).map(Read::value).map_err(|e| fault(bytes, &e))
+    let value = serde_json::from_slice::<Read>(bytes).map(Read::value).map_err(|e| fault(bytes, &e))?;
+    Ok((value, rounded(bytes).note().into_iter().collect()))
+}
+
+/// The integers of a text that are rounded. The parser gives those beyond 64 bits as doubles, so they are looked at as they are written.
+fn rounded(bytes: &[u8]) -> Rounded {
+    let mut rounded = Rounded::default();
+    let mut at = 0;
+    while let Some(first) = bytes.get(at) {
+        let from = at;
+        at += 1;
+        match first {
+            b'"' => {
+                while let Some(byte) = bytes.get(at).filter(|b| **b != b'"') {
+                    at += if *byte == b'\\' { 2 } else { 1 };
+                }
+                at += 1;
+            }
+            b'-' | b'0'..=b'9' => {
+                let is_part = |b: &u8| b.is_ascii_digit() || matches!(b, b'.' | b'e' | b'E' | b'+' | b'-');
+                at += bytes[at..].iter().take_while(|b| is_part(b)).count();
+                let line = || format!("in line {}", 1 + bytes[..from].iter().filter(|b| **b == b'\n').count());
+                rounded.see(std::str::from_utf8(&bytes[from..at]).unwrap_or_default(), line);
+            }
+            _ => {}
+        }
+    }
+    rounded
 }
 
 /// What is wrong with a JSON file. Python writes words that JSON does not have.
@@ -116,24 +145,22 @@ impl<'de> Visitor<'de> for Reader {
 
     fn visit_map<A: MapAccess<'de>>(self, mut from: A) -> Result<Read, A::Error> {
         let mut fields: Vec<(String, Value)> = Vec::new();
-        let mut places: HashMap<String, usize> = HashMap::new();
+        let mut names: HashSet<String> = HashSet::new();
         while let Some((name, value)) = from.next_entry::<String, Read>()? {
             memory::ask(VALUE_BYTES + name.len() as u64).map_err(A::Error::custom)?;
-            let known = match fields.len() {
-                ..FEW => fields.iter().position(|(known, _)| *known == name),
-                count => {
-                    if places.is_empty() {
-                        places = fields.iter().enumerate().map(|(i, (known, _))| (known.clone(), i)).collect();
+            let is_new = match fields.len() {
+                ..FEW => fields.iter().all(|(known, _)| *known != name),
+                _ => {
+                    if names.is_empty() {
+                        names.extend(fields.iter().map(|(known, _)| known.clone()));
                     }
-                    let place = *places.entry(name.clone()).or_insert(count);
-                    (place < count).then_some(place)
+                    names.insert(name.clone())
                 }
             };
-            // Of several fields of one name the last counts.
-            match known {
-                Some(place) => fields[place].1 = value.value(),
-                None => fields.push((name, value.value())),
+            if !is_new {
+                return Err(A::Error::custom(format!("two fields of an object are named “{name}”")));
             }
+            fields.push((name, value.value()));
         }
         Ok(Read::Other(Value::Record(Arc::new(fields))))
     }
@@ -237,7 +264,7 @@ mod tests {
 
     #[test]
     fn numbers_are_read_as_arrays_wherever_a_tree_of_them_is_one() {
-        let wide: Vec<String> = (0..40).map(|i| format!("\"f{}\": {i}", i % 25)).collect();
+        let wide: Vec<String> = (0..40).map(|i| format!("\"f{i}\": {i}")).collect();
         let parts = [
             "1",
             "-2.5e3",
@@ -257,7 +284,7 @@ mod tests {
                 cases.extend([
                     format!("[{a}, {b}]"),
                     format!("[[{a}, {b}], [{b}, {b}]]"),
-                    format!("{{\"x\": {a}, \"y\": [{a}, {b}], \"x\": {b}}}"),
+                    format!("{{\"x\": {a}, \"y\": [{a}, {b}], \"z\": {b}}}"),
                 ]);
                 cases.extend(parts.map(|c| format!("[{a}, {a}, {b}, {c}]")));
             }
@@ -267,8 +294,28 @@ mod tests {
         );
         cases.push(format!("{{{}}}", wide.join(", ")));
         for case in cases {
-            let read = decode(case.as_bytes()).unwrap();
+            let read = decode(case.as_bytes()).unwrap().0;
             assert_eq!(text(&read), text(&of_tree(&serde_json::from_str(&case).unwrap())), "{case}");
         }
+    }
+
+    #[test]
+    fn fields_of_one_name_and_rounded_integers_are_told() {
+        let wide = |last: usize| {
+            let fields: Vec<String> = (0..40).chain([last]).map(|i| format!("\"f{i}\": {i}")).collect();
+            decode(format!("{{{}}}", fields.join(",\n")).as_bytes()).map(|(_, notes)| notes)
+        };
+        assert_eq!(wide(40), Ok(Vec::new()));
+        assert!(wide(3).unwrap_err().starts_with("two fields of an object are named “f3” at line 41"), "{:?}", wide(3));
+        let error = decode(b"{\"a\": {\"b\": 1, \"c\": 2,\n \"b\": 3}, \"b\": 4}").map(|_| ()).unwrap_err();
+        assert!(error.starts_with("two fields of an object are named “b” at line 2"), "{error}");
+        let notes = |text: &str| decode(text.as_bytes()).unwrap().1;
+        let told = "an integer beyond 2^53 is rounded: 9007199254740993 in line 2, taken as 9007199254740992";
+        assert_eq!(
+            notes("{\"a\": \"12345678901234567\\\" 9007199254740993\",\n \"b\": [9007199254740993, 1]}"),
+            [told]
+        );
+        assert!(notes("[-123456789012345678901, 36893488147419103231]")[0].starts_with("2 integers beyond 2^53"));
+        assert!(notes("[1e300, 0.1234567890123456789, 1152921504606846976]").is_empty());
     }
 }

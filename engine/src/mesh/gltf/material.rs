@@ -265,6 +265,7 @@ impl Materials {
             return known.clone().map(|image| LoadedImage { image, wrap, nearest });
         }
         let json = accessors.document.as_json().images.get(index)?;
+        let name = format!("image {index} of {whose}");
         let read = match (&json.buffer_view, &json.uri) {
             (None, Some(uri)) if !uri.starts_with("data:") => {
                 let image = reading.image(&[reading.folder], &file_name(uri), encoding, whose);
@@ -272,12 +273,14 @@ impl Materials {
                 return image.map(|image| LoadedImage { image, wrap, nearest });
             }
             _ if !reading.materials() => return None,
-            (Some(view), _) => accessors.view(view.value()).and_then(|bytes| reading.decoded(bytes, encoding)),
-            (None, Some(uri)) => read_uri(reading.folder, uri).and_then(|bytes| reading.decoded(&bytes, encoding)),
+            (Some(view), _) => accessors.view(view.value()).and_then(|bytes| reading.decoded(bytes, encoding, &name)),
+            (None, Some(uri)) => {
+                read_uri(reading.folder, uri).and_then(|bytes| reading.decoded(&bytes, encoding, &name))
+            }
             (None, None) => Err("the glTF file has no data for it".to_string()),
         };
         // If a texture is missing, the number that it would multiply remains.
-        let image = read.map_err(|e| reading.notes.say(format!("image {index} of {whose}: {e}"))).ok();
+        let image = read.map_err(|e| reading.notes.say(format!("{name}: {e}"))).ok();
         self.images.insert(key, image.clone());
         image.map(|image| LoadedImage { image, wrap, nearest })
     }
@@ -347,7 +350,7 @@ const TRANSMISSION: &str = "KHR_materials_transmission";
 const VOLUME: &str = "KHR_materials_volume";
 const SHEEN: &str = "KHR_materials_sheen";
 const CLEARCOAT: &str = "KHR_materials_clearcoat";
-const ANISOTROPY: &str = "KHR_materials_anisotropy";
+pub(super) const ANISOTROPY: &str = "KHR_materials_anisotropy";
 
 /// Of a surface that lets most of the light through (KHR_materials_transmission), how much, and whether a body is behind it: its
 /// KHR_materials_volume then has a thickness. (Without one glTF means a thin wall, which does not refract.)
