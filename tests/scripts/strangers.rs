@@ -197,8 +197,9 @@ fn gltf_has_attributes_of_applications_and_accessors_of_zeros() {
     assert_eq!(turned.mesh.uvs.as_ref().unwrap(), &[vec2(0.0, 0.0); 3]);
     assert!((turned.mesh.vertices[1] - vec3(-1.0, 0.0, 0.0)).length() < 1e-6, "{:?}", turned.mesh.vertices);
     assert!((still.mesh.vertices[1] - vec3(1.0, 0.0, 0.0)).length() < 1e-6, "{:?}", still.mesh.vertices);
-    let [unknown, told] = &loaded.warnings[..] else { panic!("{:?}", loaded.warnings) };
+    let [own, unknown, told] = &loaded.warnings[..] else { panic!("{:?}", loaded.warnings) };
     assert!(unknown.contains("glTF does not have") && unknown.contains("“SPEED”"), "{unknown}");
+    assert_eq!(own, "attributes of applications are left out: “_FEATURE_ID_0”");
     assert!(told.contains("unit quaternions") && told.contains("“turned”") && told.contains("node 1"), "{told}");
 }
 

@@ -242,3 +242,79 @@ fn numbers_of_gltf_beyond_their_range_are_told() {
         assert_eq!(load(&place.path("a.gltf"), Wanted::Mesh).unwrap().warnings, Vec::<String>::new(), "{material}");
     }
 }
+
+/// Attributes that nothing is made of, and those that do not go with the mesh.
+#[test]
+fn attributes_of_gltf_that_are_left_out_are_told() {
+    let place = Place::new();
+    place.write("dot.png", dot(&[0.5, 0.5, 1.0]));
+    let made = |attributes: &dyn Fn(&mut Builder) -> Value, material: Value| {
+        let mut file = Builder::new();
+        file.add("images", json!({"uri": "dot.png"}));
+        file.add("textures", json!({"source": 0}));
+        file.add("materials", material);
+        let attributes = attributes(&mut file);
+        let mesh = file.triangle(attributes, json!({"material": 0}));
+        file.add("nodes", json!({"mesh": mesh, "name": "n"}));
+        file
+    };
+    let all = |file: &mut Builder| {
+        let uvs = file.floats("VEC2", &[0.0, 0.0, 1.0, 0.0, 0.0, 1.0]);
+        let own = file.floats("SCALAR", &[1.0, 2.0, 3.0]);
+        let tangents = file.floats("VEC4", &[1.0, 0.0, 0.0, 1.0].repeat(3));
+        json!({"TEXCOORD_0": uvs, "TEXCOORD_1": uvs, "TANGENT": tangents, "_FOO": own})
+    };
+    let normals = json!({"name": "m", "normalTexture": {"index": 0}});
+    let second = "texture coordinates beside those of a material's first image are left out: TEXCOORD_1 of “n”";
+    let expected = [
+        "attributes of applications are left out: “_FOO”",
+        "tangents (TANGENT) are left out: they are made from texture coordinates: “n”",
+        second,
+    ];
+    let sorted = |mut all: Vec<String>| {
+        all.sort();
+        all
+    };
+    place.write("a.gltf", made(&all, normals.clone()).text());
+    assert_eq!(sorted(read(&place, "a.gltf").warnings), expected);
+    // Tangents are of no use without what is turned along them.
+    place.write("b.gltf", made(&all, json!({"name": "m"})).text());
+    assert_eq!(sorted(read(&place, "b.gltf").warnings), [expected[0], second]);
+    for (name, kind, numbers) in [("TANGENT", "VEC4", 8), ("TEXCOORD_1", "VEC2", 8), ("_FOO", "SCALAR", 2)] {
+        let short = |file: &mut Builder| json!({name: file.floats(kind, &vec![0.5; numbers])});
+        let path = place.write("c.gltf", made(&short, normals.clone()).text());
+        let found = load(&path, Wanted::Scene).map(|_| ());
+        match name {
+            // Nothing says that what applications keep is one for each vertex, and it is gone before.
+            "_FOO" => assert!(found.is_ok(), "{found:?}"),
+            _ => {
+                let says = format!(
+                    "“n”: the mesh has 3 vertices but {} of {name}",
+                    numbers / kind[3..].parse::<usize>().unwrap()
+                );
+                assert!(found.unwrap_err().to_string().ends_with(&says), "{says}");
+            }
+        }
+    }
+    for (version, least, is_read) in [
+        ("1.0", None, false),
+        ("2", None, true),
+        ("2.1", None, true),
+        ("2.1", Some("2.1"), false),
+        ("3.0", None, false),
+        ("3.0", Some("2.0"), true),
+    ] {
+        let mut file = made(&|_| json!({}), json!({}));
+        file.json["asset"]["version"] = json!(version);
+        if let Some(least) = least {
+            file.json["asset"]["minVersion"] = json!(least);
+        }
+        let path = place.write("d.gltf", file.text());
+        let found = load(&path, Wanted::Scene).map(|_| ()).map_err(|e| e.to_string());
+        assert_eq!(found.is_ok(), is_read, "{version} {least:?}: {found:?}");
+        if let Err(told) = found {
+            let says = format!("this is glTF {}, which is not supported; 2.0 is", least.unwrap_or(version));
+            assert!(told.ends_with(&says), "{told}");
+        }
+    }
+}

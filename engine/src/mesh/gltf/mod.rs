@@ -241,6 +241,9 @@ impl Reader<'_> {
         if primitive.attributes().any(|(semantic, _)| matches!(semantic, Semantic::Colors(1..))) {
             reading.notes.about("vertex colours beside the first ones (COLOR_0) are left out", format!("“{name}”"));
         }
+        if reading.materials() {
+            tell_of_attributes(primitive, &name, &mut reading.notes);
+        }
         let key = (mesh.index(), primitive.index());
         let mut mesh = match self.known.get(&key) {
             Some(mesh) => mesh.clone(),
@@ -299,7 +302,16 @@ impl Reader<'_> {
         };
         let mesh = Mesh { vertices, faces: triangles(primitive.mode(), &indices), normals, uvs, colors };
         mesh.validate().map_err(|e| format!("“{name}”: {e}"))?;
-        Ok(mesh)
+        // What is left out of a file is no reason to believe what cannot be.
+        let count = mesh.vertices.len();
+        match primitive.attributes().find(|(_, accessor)| accessor.count() != count) {
+            Some((semantic, accessor)) => Err(format!(
+                "“{name}”: the mesh has {count} vertices but {} of {}",
+                accessor.count(),
+                semantic.to_string()
+            )),
+            None => Ok(mesh),
+        }
     }
 
     /// Adds the morph targets by their weights.
@@ -320,6 +332,24 @@ impl Reader<'_> {
             }
         }
         Ok(())
+    }
+}
+
+/// Tells of attributes of a primitive that its material may ask for, and that are not read.
+fn tell_of_attributes(primitive: &gltf::Primitive, name: &str, notes: &mut Notes) {
+    let material = primitive.material();
+    let is_aimed = material.normal_texture().is_some() || material.extension_value(material::ANISOTROPY).is_some();
+    let (set, _) = placement(&material);
+    for (semantic, _) in primitive.attributes() {
+        match semantic {
+            Semantic::Tangents if is_aimed => notes
+                .about("tangents (TANGENT) are left out: they are made from texture coordinates", format!("“{name}”")),
+            Semantic::TexCoords(other) if other != set => {
+                let sentence = "texture coordinates beside those of a material's first image are left out";
+                notes.about(sentence, format!("TEXCOORD_{other} of “{name}”"));
+            }
+            _ => {}
+        }
     }
 }
 

@@ -44,6 +44,16 @@ pub(super) fn parse<'a>(bytes: &'a [u8], notes: &mut Notes) -> Result<File<'a>, 
         false => (bytes, None),
     };
     let mut root = root(without_mark(text))?;
+    // A file of a later version may say that readers of an earlier one understand it.
+    let (version, least) = (&root.asset.version, &root.asset.min_version);
+    let is_supported = match least {
+        Some(least) => least == "2.0",
+        // Some files lack the minor version, and all minor versions can be read.
+        None => version.split('.').next() == Some("2"),
+    };
+    if !is_supported {
+        return Err(unsupported(least.as_ref().unwrap_or(version)));
+    }
     let required: Vec<&String> = root.extensions_required.iter().filter(|e| !DONE.contains(&e.as_str())).collect();
     if let Some(name) = required.iter().find(|e| COMPRESSION.contains(&e.as_str())) {
         return Err(format!(
@@ -96,8 +106,12 @@ fn leave_out_unknown_attributes(root: &mut json::Root, text: &[u8], notes: &mut 
             let stem = name.trim_end_matches(|c: char| c.is_ascii_digit());
             let is_known =
                 ["POSITION", "NORMAL", "TANGENT", "TEXCOORD_", "COLOR_", "JOINTS_", "WEIGHTS_"].contains(&stem);
-            if !is_known && !name.starts_with('_') {
-                notes.about("attributes that glTF does not have are left out", format!("“{name}”"));
+            match is_known {
+                true => {}
+                false if name.starts_with('_') => {
+                    notes.about("attributes of applications are left out", format!("“{name}”"));
+                }
+                false => notes.about("attributes that glTF does not have are left out", format!("“{name}”")),
             }
         }
     }
@@ -153,7 +167,7 @@ fn chunks(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), String> {
     let short = "the GLB file is shorter than its header says";
     let (version, length) = (number(4).ok_or(short)?, number(8).ok_or(short)?);
     if version != 2 {
-        return Err(format!("this is glTF {version}.0, which is not supported; 2.0 is"));
+        return Err(unsupported(&format!("{version}.0")));
     }
     if length > bytes.len() {
         return Err(short.to_string());
@@ -173,6 +187,10 @@ fn chunks(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), String> {
     Ok((text.ok_or("the GLB file has no JSON chunk")?, chunk))
 }
 
+fn unsupported(version: &str) -> String {
+    format!("this is glTF {version}, which is not supported; 2.0 is")
+}
+
 fn root(text: &[u8]) -> Result<json::Root, String> {
     let first = match parsed(text) {
         Ok(root) => return Ok(root),
@@ -182,7 +200,7 @@ fn root(text: &[u8]) -> Result<json::Root, String> {
     let mut value: json::Value = json::deserialize::from_slice(text).map_err(|e| damaged(&e))?;
     let version = value.pointer("/asset/version").and_then(|v| v.as_str()).unwrap_or("2.0");
     if !version.starts_with("2.") {
-        return Err(format!("this is glTF {version}, which is not supported; 2.0 is"));
+        return Err(unsupported(version));
     }
     // A scene may lack nodes, which the crate's parser does not allow.
     for scene in value.get_mut("scenes").and_then(|s| s.as_array_mut()).into_iter().flatten() {
