@@ -100,7 +100,11 @@ fn rows(text: &str, by: Separator) -> Result<Vec<Vec<String>>, String> {
     let mut last = 0;
     for record in reader.records() {
         let record = record.map_err(|e| e.to_string())?;
-        last = record.position().map_or(0, csv::Position::line);
+        // A record begins after comments and empty lines, which its position does not know.
+        last = record.position().map_or(0, |at| {
+            let rest = text.get(at.byte() as usize..).unwrap_or_default();
+            at.line() + rest.lines().take_while(|line| line.is_empty() || line.starts_with('#')).count() as u64
+        });
         let length = rows.first().map_or(record.len(), Vec::len);
         if record.len() != length && uneven.is_none() {
             uneven = Some((rows.len(), format!("line {last} has {} cells, those before have {length}", record.len())));
