@@ -222,12 +222,13 @@ fn pixels_that_are_no_numbers_are_told_as_such() {
     );
     let said = said.split_whitespace().filter(|w| *w != "│").collect::<Vec<&str>>().join(" ");
     let count = |words: &str| said.matches(words).count();
-    assert_eq!((count("dscene::image::nan"), count("dscene::image::clipped")), (3, 2), "{said}");
+    assert_eq!((count("dscene::image::nan"), count("dscene::image::clipped")), (3, 3), "{said}");
     for words in [
         "the pixel [1, 1] of `a.png` is not a number (NaN), and black in the file",
         "50 % of the pixels of `a.png` are clipped",
         "the pixel [1, 1] of `a.hdr` is not a number",
         "a pixel of `a.hdr` is negative, -1, and black in the file",
+        "the pixel [0, 1] of `a.hdr`",
         "the pixel [0, 0] of `b.png` is not a number",
     ] {
         assert!(said.contains(words), "{words}: {said}");
