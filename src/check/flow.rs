@@ -86,10 +86,12 @@ pub fn dependencies(program: &Program, e: &Expr) -> BTreeSet<DeclId> {
     found.decls
 }
 
-/// The declarations on which an expression depends by more than steps, so that its derivative by them need not be 0.
-pub fn sloping_dependencies(program: &Program, e: &Expr) -> BTreeSet<DeclId> {
+/// The declarations on which expressions depend, all or, `by_slope`, by more than steps, so that derivatives by them need not be 0. What
+/// the expressions share is followed once.
+pub fn dependencies_of_all(program: &Program, all: &[&Expr], by_slope: bool) -> BTreeSet<DeclId> {
     let mut found = Dependencies::default();
-    Flow { by_slope: true, ..Flow::new(program) }.expr(e, &mut found);
+    let mut flow = Flow { by_slope, ..Flow::new(program) };
+    all.iter().for_each(|e| flow.expr(e, &mut found));
     found.decls
 }
 

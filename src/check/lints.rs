@@ -1,10 +1,10 @@
 //! Lints: what a script may mean, but hardly does; and `// allow(NAME)`, by which it says that it does.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
 use super::Loader;
 use super::counts::is_frozen;
-use super::flow::{below, dependencies, reaching_params, sloping_dependencies, walk};
+use super::flow::{below, dependencies, dependencies_of_all, reaching_params, walk};
 use super::hir::*;
 use super::types::Ty;
 use super::{loaded, targets};
@@ -115,7 +115,7 @@ fn zero_derivatives(program: &Program, derivative: &Derivative) -> Vec<Diagnosti
     let reached = dependencies(program, &derivative.of);
     let sloping = match derivative.kind {
         DerivativeKind::FiniteDifference => reached.clone(),
-        _ => sloping_dependencies(program, &derivative.of),
+        _ => dependencies_of_all(program, &[&derivative.of], true),
     };
     let is_stepped = |decl: &DeclId| reached.contains(decl) && !sloping.contains(decl);
     let stepped = derivative.wrt.iter().filter(|(target, _)| is_stepped(&target.decl));
@@ -151,10 +151,7 @@ fn stepped_params(program: &Program) -> Vec<Diagnostic> {
         _ => None,
     });
     let losses: Vec<&Expr> = bodies.chain(optimized).collect();
-    let all = |of: fn(&Program, &Expr) -> BTreeSet<DeclId>| -> BTreeSet<DeclId> {
-        losses.iter().flat_map(|loss| of(program, loss)).collect()
-    };
-    let (reached, sloping) = (all(dependencies), all(sloping_dependencies));
+    let [reached, sloping] = [false, true].map(|by_slope| dependencies_of_all(program, &losses, by_slope));
     let moves = |id: &DeclId| matches!(&program.decl(*id).kind, DeclKind::Param(param) if !is_frozen(param));
     let told = |id: &DeclId| {
         let decl = program.decl(*id);
