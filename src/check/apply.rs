@@ -411,7 +411,7 @@ impl Checker<'_> {
     /// The facts about its arguments with which a function is checked: types, and values unless they are long or too many different
     /// values were checked already.
     fn facts<'a>(&self, function: FunctionKey, args: impl Iterator<Item = Option<&'a Typed>>) -> Vec<Fact> {
-        let many = self.nested > 0 && self.specialised.get(&function).is_some_and(|n| *n >= MOST_VALUES);
+        let many = self.is_counted() && self.specialised.get(&function).is_some_and(|n| *n >= MOST_VALUES);
         let small = |c: &Const| match c {
             Const::List(items) => !many && items.len() <= 16,
             Const::Record(_) => !many && c.size() <= 64,
@@ -419,6 +419,11 @@ impl Checker<'_> {
             _ => !many,
         };
         args.map(|a| a.map(|a| (a.expr.ty.clone(), a.value.clone().filter(small)))).collect()
+    }
+
+    /// Whether calls are counted by function: within calls, unless their work is counted anyway.
+    fn is_counted(&self) -> bool {
+        self.nested > 0 && self.trying.is_none()
     }
 
     /// Checks a function's body without the locals of the caller, once for each set of facts about its arguments. Errors in it are
@@ -436,7 +441,7 @@ impl Checker<'_> {
         if let Some(known) = self.instances.get(&key) {
             return (known.ty.clone(), known.value.clone());
         }
-        if self.nested > 0 {
+        if self.is_counted() {
             let instances = self.specialised.entry(function).or_default();
             if *instances >= MOST_TYPES {
                 return (Ty::Any, None);

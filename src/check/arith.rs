@@ -1,5 +1,7 @@
 //! Operators: broadcasting, units, comparison.
 
+use std::cmp::Ordering;
+
 use super::declare::broken;
 use super::hir::{BinaryOp, Builtin, Callee, Expr, ExprKind, UnaryOp};
 use super::infer::{Typed, typed};
@@ -43,7 +45,8 @@ impl Checker<'_> {
     }
 
     pub fn binary(&mut self, op: BinaryOp, op_span: Span, left: &ast::Expr, right: &ast::Expr, span: Span) -> Typed {
-        let (left, right) = (self.expr(left, None), self.expr(right, None));
+        let left = self.expr(left, None);
+        let right = self.second_operand(op, &left, right);
         let (a, b) = (&left.expr.ty, &right.expr.ty);
         if *a == Ty::Error || *b == Ty::Error {
             return broken(span);
@@ -103,6 +106,25 @@ impl Checker<'_> {
                 broken(span)
             }
         }
+    }
+
+    /// The right side of an operator. What stands behind `n > 0 and` is not asked where that does not hold, so it is looked at like a branch of
+    /// an `if`.
+    fn second_operand(&mut self, op: BinaryOp, left: &Typed, right: &ast::Expr) -> Typed {
+        let (asked, decides) = match (op, &left.value) {
+            (BinaryOp::And, Some(Const::Bool(holds))) => (Some(*holds), !holds),
+            (BinaryOp::Or, Some(Const::Bool(holds))) => (Some(!holds), *holds),
+            (BinaryOp::And | BinaryOp::Or, None) if left.expr.ty == Ty::Bool => (None, false),
+            _ => return self.expr(right, None),
+        };
+        let mut right = self.branch(right, asked, None);
+        if decides {
+            right.value = left.value.clone();
+            if right.expr.ty.is_unknown() {
+                right.expr.ty = Ty::Bool;
+            }
+        }
+        right
     }
 
     /// Notes a number that `step` stands beside, as in `step - 100` and `step < 100`: schedules turn there.
@@ -385,6 +407,14 @@ fn negate(value: &Const) -> Option<Const> {
     })
 }
 
+/// How deeply lists of numbers are nested.
+fn axes(known: &Const) -> usize {
+    match known {
+        Const::List(items) => 1 + items.first().map_or(0, axes),
+        _ => 0,
+    }
+}
+
 /// Computes the value if those of both sides are known: sizes, bounds and indices need it.
 fn compute(op: BinaryOp, a: &Const, b: &Const) -> Option<Const> {
     use BinaryOp::*;
@@ -420,8 +450,17 @@ fn compute(op: BinaryOp, a: &Const, b: &Const) -> Option<Const> {
             Or => Const::Bool(*x || *y),
             _ => return None,
         },
-        (Const::List(x), Const::List(y)) if x.len() == y.len() && !matches!(op, Eq | Ne) => {
-            Const::List(x.iter().zip(y).map(|(x, y)| compute(op, x, y)).collect::<Option<_>>()?)
+        (Const::List(x), Const::List(y)) if !matches!(op, Eq | Ne) => {
+            // Axes are aligned at the last one: each row of a matrix goes with a vector.
+            let all = match axes(a).cmp(&axes(b)) {
+                Ordering::Greater => x.iter().map(|x| compute(op, x, b)).collect::<Option<_>>(),
+                Ordering::Less => y.iter().map(|y| compute(op, a, y)).collect::<Option<_>>(),
+                Ordering::Equal if x.len() == y.len() => {
+                    x.iter().zip(y).map(|(x, y)| compute(op, x, y)).collect::<Option<_>>()
+                }
+                Ordering::Equal => None,
+            };
+            Const::List(all?)
         }
         (Const::List(x), y @ (Const::Num(_) | Const::Angle(_))) => {
             Const::List(x.iter().map(|x| compute(op, x, y)).collect::<Option<_>>()?)

@@ -3,6 +3,7 @@
 use super::declare::broken;
 use super::hir::{self, ExprKind};
 use super::infer::*;
+use super::items::Items;
 use super::modules::Checker;
 use super::results::is_mixed;
 use super::signature::{Const, Sig};
@@ -12,7 +13,9 @@ use crate::source::Span;
 use crate::syntax::ast;
 
 /// The numbers of longer ranges are not evaluated as constants.
-const MOST_IN_RANGE: usize = 64;
+pub(super) const MOST_IN_RANGE: usize = 64;
+/// Longest chain of names and lists that is followed for the length of one.
+const DEEPEST: usize = 16;
 
 impl Checker<'_> {
     /// `[0, 45deg, 0]`: written numbers among angles, which are degrees too; whether that was it.
@@ -98,12 +101,12 @@ impl Checker<'_> {
     }
 
     pub(super) fn comprehension(&mut self, element: &ast::Expr, clauses: &[ast::ForClause], span: Span) -> Typed {
-        let depth = self.locals.len();
+        let (depth, errors) = (self.locals.len(), self.error_count());
         let mut out = Vec::new();
         let mut count: Dim = Some(1);
         // The items have different types, so the element is checked for each of them.
         let mut mixed: Option<(Vec<Ty>, Vec<Option<Const>>)> = None;
-        let mut known = None;
+        let mut first = None;
         for clause in clauses {
             let items = self.expr(&clause.items, None);
             let (item, n) = match (item_of(&items.expr.ty), &items.expr.ty) {
@@ -133,7 +136,9 @@ impl Checker<'_> {
                     (Ty::Error, None)
                 }
             };
-            known = items.value.clone().map(|value| (value, item.clone()));
+            if out.is_empty() {
+                first = Items::known(&items, &item);
+            }
             count = match (count, n, &clause.condition) {
                 (Some(a), Some(b), None) => a.checked_mul(b),
                 _ => None,
@@ -152,12 +157,8 @@ impl Checker<'_> {
         let element_tree = element;
         let element = self.expr(element_tree, None).expr;
         self.locals.truncate(depth);
-        let value = match (clauses, known) {
-            ([clause], Some((Const::List(items), item))) if clause.condition.is_none() => {
-                self.each_value(element_tree, clause, &items, &item)
-            }
-            _ => None,
-        };
+        let is_fine = self.error_count() == errors && mixed.is_none();
+        let value = first.filter(|_| is_fine).and_then(|first| self.each_item(element_tree, clauses, first));
         let mut element_ty = element.ty.clone();
         if let (Some((parts, values)), [clause]) = (mixed, clauses) {
             element_ty = self.each_part(element_tree, clause, &parts, &values);
@@ -169,35 +170,6 @@ impl Checker<'_> {
         };
         let kind = ExprKind::Comprehension(Box::new(hir::Comprehension { element, clauses: out }));
         Typed { value, ..typed(kind, span, ty) }
-    }
-
-    /// The values of a comprehension's elements, each computed from its item: only at a step of an optimisation, where schedules such as
-    /// `piecewise` are numbers.
-    fn each_value(
-        &mut self,
-        element: &ast::Expr,
-        clause: &ast::ForClause,
-        items: &[Const],
-        item: &Ty,
-    ) -> Option<Const> {
-        let [name] = clause.names.as_slice() else { return None };
-        if self.at_step.is_none() || self.in_each_value || items.len() > MOST_IN_RANGE {
-            return None;
-        }
-        self.in_each_value = true;
-        let depth = self.locals.len();
-        // What is wrong with elements was told where they were checked for any item.
-        let told = std::mem::take(&mut self.diagnostics);
-        let each = items.iter().map(|known| {
-            self.new_local(&name.text, item.clone(), Some(known.clone()));
-            let value = self.expr(element, None).value;
-            self.locals.truncate(depth);
-            value
-        });
-        let values = each.collect::<Option<Vec<Const>>>();
-        self.diagnostics = told;
-        self.in_each_value = false;
-        values.map(Const::List).filter(|list| list.size() <= MAX_CONST)
     }
 
     /// The type of a comprehension's elements if items have different types: the element is checked for each item, and all results must
@@ -405,17 +377,12 @@ impl Checker<'_> {
             }
             _ => rows,
         };
-        if let (Some(x), Some(n)) = (at, n)
-            && x.fract() == 0.0
-            && position(x, n).is_none()
-        {
-            self.diagnostics.push(
-                Diagnostic::error("dscene::type::index", format!("index {x} is outside of an array of {n}"))
-                    .label(index.expr.span, "out of range")
-                    .label(base.expr.span, format!("has {n} element{}", if n == 1 { "" } else { "s" }))
-                    .help("indices count from 0; -1 is the last element"),
-            );
-        }
+        // Of a list whose items are known it is known how many were left out, though not by its type.
+        let n = n.or(match &base.value {
+            Some(Const::List(items)) => Some(items.len()),
+            _ => None,
+        });
+        self.check_position(&base.expr, at.map(|x| (x, index.expr.span)), n);
         let value = match (&base.value, at, n) {
             (Some(Const::List(items)), Some(x), Some(n)) => position(x, n).and_then(|i| items.get(i).cloned()),
             (Some(list), None, _) if index.expr.ty.is_scalar() => list.some_item(),
@@ -423,6 +390,46 @@ impl Checker<'_> {
         };
         let kind = ExprKind::Index { base: Box::new(base.expr), index: Box::new(index.expr) };
         Typed { value, ..typed(kind, span, item) }
+    }
+
+    /// Reports an index that is known to lie outside of an array, whose length may be known.
+    fn check_position(&mut self, base: &hir::Expr, at: Option<(f64, Span)>, n: Dim) {
+        let Some((x, place)) = at.filter(|(x, _)| x.fract() == 0.0) else { return };
+        let (n, most) = match n {
+            Some(n) => (n, ""),
+            None => match self.most_items(base, DEEPEST) {
+                Some(n) => (n, "at most "),
+                None => return,
+            },
+        };
+        if position(x, n).is_none() {
+            let elements = if n == 1 { "element" } else { "elements" };
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::index", format!("index {x} is outside of an array of {most}{n}"))
+                    .label(place, "out of range")
+                    .label(base.span, format!("has {most}{n} {elements}"))
+                    .help("indices count from 0; -1 is the last element"),
+            );
+        }
+    }
+
+    /// How many items a list has at most, of which only the run knows how many are left out.
+    fn most_items(&self, list: &hir::Expr, depth: usize) -> Dim {
+        if let Some((_, Some(n))) = item_of(&list.ty) {
+            return Some(n);
+        }
+        let depth = depth.checked_sub(1)?;
+        match &list.kind {
+            // Its length may be another one in each stage of an optimisation.
+            ExprKind::Decl(id) if !self.renewed.contains(id) => {
+                self.most_items(self.slot(*id).hir.body.as_deref()?, depth)
+            }
+            ExprKind::Slice { base, .. } => self.most_items(base, depth),
+            ExprKind::Comprehension(c) => {
+                c.clauses.iter().try_fold(1_usize, |n, clause| n.checked_mul(self.most_items(&clause.items, depth)?))
+            }
+            _ => None,
+        }
     }
 
     pub(super) fn slice(

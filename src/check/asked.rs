@@ -51,7 +51,7 @@ impl Checker<'_> {
         let name = self.slot(id).name.text.clone();
         let is_asked = Rendering::named(&name).is_none()
             && DerivativeKind::named(&name).is_none()
-            && !READERS.contains(&name.as_str())
+            && !(READERS.contains(&name.as_str()) && found.first().and_then(Option::as_ref).is_none_or(is_path))
             && !NOT_ASKED.contains(&name.as_str());
         // Random numbers are not drawn, but there may be too many of them.
         let native = if natives::SHAPED.contains(&name.as_str()) {
@@ -112,6 +112,8 @@ fn value_of(known: &Const, ty: &Ty) -> Option<Value> {
         Const::Bool(answer) => Value::Bool(*answer),
         Const::Str(text) => Value::str(text.as_str()),
         // Numbers of one shape; a list of other things is no tensor.
+        // An array of no numbers has a shape all the same, which is not known here.
+        Const::List(items) if items.is_empty() && ty.quantity().is_some() => return None,
         Const::List(items) if ty.quantity().is_some() || items.is_empty() => {
             let element = |item: &Const| match item {
                 // The answers of a comparison element by element are ones and zeros.
@@ -125,6 +127,11 @@ fn value_of(known: &Const, ty: &Ty) -> Option<Value> {
     })
 }
 
+/// Whether an argument is a text: the path of a file, which is not read before the run.
+fn is_path(argument: &Typed) -> bool {
+    matches!(argument.expr.ty, Ty::Str | Ty::Any | Ty::Error)
+}
+
 /// A mesh that stands for any: without normals, by which alone some matrices are wrong.
 fn some_mesh() -> Option<Value> {
     let mesh = shapes::rectangle(1.0, 1.0).ok()?;
@@ -136,7 +143,9 @@ fn const_of(value: &Value, angles: bool) -> Option<Const> {
     let Value::Num(numbers) = value else {
         return match value {
             Value::Bool(answer) => Some(Const::Bool(*answer)),
-            Value::Material(_) | Value::Rotation(_) | Value::Transform(_) => Some(Const::Made(Made(value.clone()))),
+            Value::Material(_) | Value::Rotation(_) | Value::Transform(_) | Value::Texture(_) => {
+                Some(Const::Made(Made(value.clone())))
+            }
             _ => None,
         };
     };

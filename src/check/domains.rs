@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use super::counts::is_frozen;
-use super::flow::{reaching_params, walk};
+use super::flow::reaching_params;
 use super::hir::*;
 use super::inputs;
 use super::types::Ty;
@@ -349,25 +349,28 @@ const DEEPEST: usize = 100;
 
 /// The domain of a field (`lamp.radiance`, `ball.material.reflectance`), which is that of the constructor's argument.
 pub fn domain_of_field(program: &Program, target: &Target) -> Option<Reached> {
-    let (native, param) = input_of_field(program, target)?;
+    let (native, param, _) = input_of_field(|id| program.decl(id), target)?;
     inputs::of_native(native, param)
 }
 
-/// The constructor whose argument a field is, and the argument.
-fn input_of_field<'p>(program: &'p Program, target: &Target) -> Option<(&'p NativeDecl, &'p NativeParam)> {
+/// The constructor whose argument a field is, the argument as it is declared, and what is given for it.
+pub fn input_of_field<'p>(
+    decl: impl Fn(DeclId) -> &'p Decl,
+    target: &Target,
+) -> Option<(&'p NativeDecl, &'p NativeParam, Option<&'p Expr>)> {
     let mut path = &target.path[..];
-    let mut body = program.decl(target.decl).body.as_deref()?;
+    let mut body = decl(target.decl).body.as_deref()?;
     for _ in 0..DEEPEST {
         match &body.kind {
-            ExprKind::Decl(id) => body = program.decl(*id).body.as_deref()?,
+            ExprKind::Decl(id) => body = decl(*id).body.as_deref()?,
             ExprKind::Call(call) => {
                 let native = match call.callee {
-                    Callee::Native(id) => match &program.decl(id).kind {
+                    Callee::Native(id) => match &decl(id).kind {
                         DeclKind::Native(native) => native,
                         _ => return None,
                     },
                     // What a function makes has the fields of what it calls for that.
-                    Callee::Decl(id) => match &program.decl(id).kind {
+                    Callee::Decl(id) => match &decl(id).kind {
                         DeclKind::Fn(f) => {
                             body = &f.body;
                             continue;
@@ -379,7 +382,7 @@ fn input_of_field<'p>(program: &'p Program, target: &Target) -> Option<(&'p Nati
                 let (name, rest) = path.split_first()?;
                 let index = native.params.iter().position(|p| p.name == *name)?;
                 if rest.is_empty() {
-                    return Some((native, &native.params[index]));
+                    return Some((native, &native.params[index], call.args.get(index).and_then(Option::as_ref)));
                 }
                 (body, path) = (call.args.get(index)?.as_ref()?, rest);
             }
@@ -387,42 +390,6 @@ fn input_of_field<'p>(program: &'p Program, target: &Target) -> Option<(&'p Nati
         }
     }
     None
-}
-
-/// What a `with` gives to fields that do not take it, and numbers where they have no meaning, as a call with them would be told.
-pub fn misplaced(program: &Program, roots: &[&Expr]) -> Vec<Diagnostic> {
-    let mut out = Vec::new();
-    let mut look = |e: &Expr| {
-        let ExprKind::With { replacements, .. } = &e.kind else { return };
-        for r in replacements {
-            let Some((native, param)) = input_of_field(program, &r.target) else { continue };
-            if !param.takes.accepts(&r.value.ty, None) {
-                let (name, ty) = (&param.name, &r.value.ty);
-                let help = ty.is_angle().then(|| "divide by a unit to get a number: `x / 1deg`".to_owned());
-                let message = format!("the `{name}` of `{}` is `{}`, its replacement `{ty}`", native.name, param.takes);
-                out.push(
-                    Diagnostic::error("dscene::type::mismatch", message)
-                        .label(r.value.span, format!("this is `{ty}`"))
-                        .help_opt(help),
-                );
-                continue;
-            }
-            let Some(reached) = inputs::of_native(native, param) else { continue };
-            let mut numbers = Vec::new();
-            literals(&r.value, &mut numbers);
-            if let Some(x) = numbers.into_iter().find(|x| !reached.domain.contains(*x)) {
-                let message = format!("`{}` of `{}` must be {}", reached.argument, reached.function, reached.domain);
-                let shown = if reached.domain.angle { format!("{}deg", x.to_degrees()) } else { x.to_string() };
-                out.push(
-                    Diagnostic::error("dscene::value::range", message)
-                        .label(r.value.span, format!("this is {shown}"))
-                        .help_opt(reached.domain.nearest(x)),
-                );
-            }
-        }
-    };
-    roots.iter().for_each(|root| walk(root, &mut look));
-    out
 }
 
 /// The numbers that are written as an expression, or as elements of an array.

@@ -532,7 +532,7 @@ impl<'p> Flow<'p> {
                         Callee::Decl(id) => add(self, *id, context, out),
                         Callee::Value(callee) => waiting.push((callee, context)),
                         Callee::Native(id) => {
-                            if renders_file(self.program, *id, call) {
+                            if renders_file(self.program.decl(*id), call) {
                                 self.renders_scene = true;
                                 for part in self.program.default_scene.iter().chain(&self.program.integrator) {
                                     add(self, *part, context, out);
@@ -561,8 +561,7 @@ impl<'p> Flow<'p> {
 }
 
 /// Whether a call renders the scene that the file declares, because it names no other, or is that scene.
-fn renders_file(program: &Program, native: DeclId, call: &Call) -> bool {
-    let decl = program.decl(native);
+pub fn renders_file(decl: &Decl, call: &Call) -> bool {
     let DeclKind::Native(signature) = &decl.kind else { return false };
     if decl.name == FILE_SCENE {
         return true;

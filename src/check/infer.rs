@@ -6,6 +6,7 @@ use super::arrays::position;
 use super::declare::broken;
 use super::hir::{self, Builtin, Callee, ExprKind, FILE_SCENE};
 use super::modules::{Checker, PRELUDE, State, lookup_in};
+use super::replaced::{Replaced, STAND_IN};
 use super::signature::{Const, Function, Sig, fits};
 use super::text;
 use super::trial::Change;
@@ -40,6 +41,9 @@ pub fn typed(kind: ExprKind, span: Span, ty: Ty) -> Typed {
 impl Checker<'_> {
     /// Checks an expression. `wanted` helps (words of an argument, types of lambda parameters); it is not enforced here.
     pub fn expr(&mut self, e: &ast::Expr, wanted: Option<&Sig>) -> Typed {
+        if !self.spend(1) {
+            return broken(e.span);
+        }
         let typed = self.infer(e, wanted);
         if let Some(types) = &mut self.types
             && self.modules[self.module].user
@@ -141,6 +145,10 @@ impl Checker<'_> {
     }
 
     fn name(&mut self, name: &str, span: Span, wanted: Option<&Sig>) -> Typed {
+        if let Some(at) = name.strip_prefix(STAND_IN) {
+            let stand_in = at.parse::<usize>().ok().and_then(|at| self.stand_ins.get(at));
+            return stand_in.cloned().unwrap_or_else(|| broken(span));
+        }
         if let Some(local) = self.locals.iter().rev().find(|l| l.name == name) {
             let out = typed(ExprKind::Local(local.id), span, local.ty.clone());
             return Typed { value: local.value.clone(), ..out };
@@ -352,8 +360,8 @@ impl Checker<'_> {
     /// A branch of an `if`, of which it may be known whether it is taken. A condition often guards against the very numbers for which a branch
     /// has no value: `if len(xs) > 2 then xs[2] else 0`. So of a branch that is not taken no number is refused, nor is one that a function is
     /// called with where only the run knows the condition.
-    fn branch(&mut self, branch: &ast::Expr, taken: Option<bool>, wanted: Option<&Sig>) -> Typed {
-        let in_call = self.nested > 0;
+    pub(super) fn branch(&mut self, branch: &ast::Expr, taken: Option<bool>, wanted: Option<&Sig>) -> Typed {
+        let in_call = self.nested > 0 || self.trying.is_some();
         match taken {
             // The body was checked where the function is declared; for this call its other branch says what it gives.
             Some(false) if in_call => Typed { expr: error_expr(branch.span), value: None },
@@ -439,8 +447,9 @@ impl Checker<'_> {
     }
 
     fn with(&mut self, body: &ast::Expr, replacements: &[ast::Replacement], span: Span, wanted: Option<&Sig>) -> Typed {
-        let tree = body;
+        let (tree, errors) = (body, self.error_count());
         let body = self.expr(body, wanted);
+        let mut all = Vec::new();
         let mut out: Vec<hir::Replacement> = Vec::new();
         let mut changes: Vec<Change> = Vec::new();
         let mut reshaped = false;
@@ -512,6 +521,7 @@ impl Checker<'_> {
             replaced_function |= matches!(ty, Ty::Fn(..));
             reshaped |= !spread && (!fits(&value.expr.ty, &ty) || size_of(&ty) != size_of(&value.expr.ty));
             reshaped |= matches!(ty, Ty::Record(_)) && ty != value.expr.ty;
+            all.push(Replaced { target: target.clone(), ty: ty.clone(), value: value.clone() });
             let mut value = value.expr;
             if let (Some((shape, _)), true) = (ty.quantity(), spread)
                 && let Some(shape) = shape.iter().copied().collect::<Option<Vec<usize>>>()
@@ -528,6 +538,8 @@ impl Checker<'_> {
             (false, true) => blur(&body.expr.ty),
             (false, false) => body.expr.ty.clone(),
         };
+        let tried = if self.error_count() == errors { self.check_replaced(tree, &body.expr, &all) } else { None };
+        let ty = tried.filter(|_| !reshaped && !replaced_function).unwrap_or(ty);
         typed(ExprKind::With { body: Box::new(body.expr), replacements: out }, span, ty)
     }
 

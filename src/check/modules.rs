@@ -6,12 +6,14 @@ use std::sync::Arc;
 
 use super::Loader;
 use super::hir::{self, DeclId, DeclKind, LocalId, Origin, Program};
+use super::infer::Typed;
 use super::library::{self, LIBRARY};
 use super::lints;
 use super::log::DiagnosticLog;
 use super::other_files;
 use super::schedules::At;
 use super::signature::{Const, FunctionKey, Sig};
+use super::trial::MOST_TRIED;
 use super::types::Ty;
 use crate::diag::{Diagnostic, Names, did_you_mean, suggest};
 use crate::source::{Shared, SharedMap, SourceId, SourceMap, Span};
@@ -132,8 +134,14 @@ pub struct Checker<'l> {
     pub saw_step: bool,
     /// Numbers with which `step` was compared there, or from which it was counted.
     pub turns: Vec<f64>,
-    /// Whether the elements of a comprehension are computed one by one.
-    pub in_each_value: bool,
+    /// While something is tried with known values: how much work that may still take.
+    pub trying: Option<usize>,
+    /// Whether the replacements of a `with` are being tried.
+    pub is_replacing: bool,
+    /// What stands for them meanwhile: see [`STAND_IN`](super::replaced::STAND_IN).
+    pub stand_ins: Vec<Typed>,
+    /// How much work all that is still to be tried may take.
+    pub left_to_try: usize,
     /// Number of nested function bodies that are being checked.
     pub nested: usize,
     /// By function: number of instances that were checked for calls within other calls.
@@ -193,7 +201,10 @@ impl<'l> Checker<'l> {
             at_step: None,
             saw_step: false,
             turns: Vec::new(),
-            in_each_value: false,
+            trying: None,
+            is_replacing: false,
+            stand_ins: Vec::new(),
+            left_to_try: MOST_TRIED,
             nested: 0,
             specialised: HashMap::new(),
             lambdas: SharedMap::default(),
@@ -314,10 +325,6 @@ impl<'l> Checker<'l> {
         }
         if self.quiet {
             return (program, self.diagnostics.into_all(), self.sources);
-        }
-        // Not for each line of the REPL: it looks at the whole program.
-        if self.diagnostics.errors() == 0 {
-            self.diagnostics.extend(super::domains::misplaced(&program, &super::lints::roots(&program)));
         }
         if self.diagnostics.errors() == 0 {
             self.diagnostics.extend(lints::check(&program, self.loader));
@@ -734,7 +741,7 @@ fn value_of(kind: &StatementKind) -> Option<&ast::Expr> {
 }
 
 /// Replaces the value of a field of `KIND NAME { … }`, or of an argument of `NAME = f(…)`.
-fn override_field(kind: &mut StatementKind, field: ast::Name, value: ast::Expr, parameters: &[String]) -> bool {
+pub fn override_field(kind: &mut StatementKind, field: ast::Name, value: ast::Expr, parameters: &[String]) -> bool {
     let call = match kind {
         StatementKind::Kind { body: ast::KindBody::Fields(fields), .. } => {
             match fields.iter_mut().find(|f| f.name.text == field.text) {

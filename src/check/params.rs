@@ -492,7 +492,7 @@ fn last_dim_fits(ty: &Ty, side: &Ty) -> bool {
 }
 
 /// Whether any pair of corresponding elements satisfies the test; a scalar corresponds to every element.
-fn compare_any(a: &Const, b: &Const, test: &dyn Fn(f64, f64) -> bool) -> bool {
+pub fn compare_any(a: &Const, b: &Const, test: &dyn Fn(f64, f64) -> bool) -> bool {
     match (a, b) {
         (Const::Num(a), Const::Num(b)) | (Const::Angle(a), Const::Angle(b)) => test(*a, *b),
         (Const::List(a), Const::List(b)) if a.len() == b.len() => a.iter().zip(b).any(|(a, b)| compare_any(a, b, test)),

@@ -161,11 +161,12 @@ impl Const {
         self.number().filter(|x| x.fract() == 0.0 && (0.0..1e9).contains(x)).map(|x| x as usize)
     }
 
-    /// All numbers of the value; angles in radians.
+    /// All numbers of the value, texels too; angles in radians.
     pub fn numbers(&self) -> Vec<f64> {
         match self {
             Const::Num(x) | Const::Angle(x) => vec![*x],
             Const::List(items) => items.iter().flat_map(Const::numbers).collect(),
+            Const::Made(Made(Value::Texture(texture))) => texture.texels.var().value().data.to_vec(),
             _ => Vec::new(),
         }
     }

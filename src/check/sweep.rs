@@ -9,8 +9,9 @@ use std::sync::Arc;
 use super::flow;
 use super::hir::{self, DeclId, DeclKind, Values};
 use super::infer::{Typed, item_of, join, replaces};
-use super::modules::{Checker, ModuleId};
+use super::modules::{Checker, ModuleId, State};
 use super::signature::Const;
+use super::trial::Change;
 use super::types::Ty;
 use crate::diag::{Diagnostic, suggest};
 use crate::source::{SourceId, Span};
@@ -24,6 +25,9 @@ const SECONDS: &str = "seconds";
 
 /// The function that says of a column that its largest value is the best one.
 const MAXIMIZE: &str = "maximize";
+
+/// Most expressions that are looked at for the runs of one variable's values.
+const MOST_WORK: usize = 50_000;
 
 impl Checker<'_> {
     /// Declares the variables of a sweep that the module does not declare itself; all of its own declarations are known.
@@ -93,6 +97,61 @@ impl Checker<'_> {
                     .help("put all columns into one of them"),
             );
         }
+        self.check_runs(sweep);
+    }
+
+    /// Reports what the runs of a sweep refuse for the other values of a variable, as far as these are known: the last of its runs may be hours
+    /// away.
+    fn check_runs(&mut self, sweep: &ast::Sweep) {
+        for variable in sweep.variables.iter().filter(|variable| variable.name.text != SEED) {
+            if self.error_count() > 0 {
+                return;
+            }
+            let Some(id) = self.lookup(&variable.name.text) else { continue };
+            let (Some(list), _) = self.tried(MOST_WORK, |checker| checker.expr(&variable.values, None)) else {
+                continue;
+            };
+            let Some(Const::List(values)) = list.value else { continue };
+            for (i, value) in values.into_iter().enumerate() {
+                let written = match &list.expr.kind {
+                    hir::ExprKind::Array(items) => items.get(i),
+                    _ => None,
+                };
+                let (ty, place) = match written {
+                    Some(item) => (Some(item.ty.clone()), item.span),
+                    None => (item_of(&list.expr.ty).map(|(item, _)| item), variable.name.span),
+                };
+                let shown =
+                    value.shown().map_or("with this value".to_owned(), |shown| format!("for the value {shown}"));
+                self.check_new_start(id, &value, place);
+                let Some(change) = ty.map(|ty| Change { decl: id, ty, value: Some(value) }) else { break };
+                let found = self.tried(MOST_WORK, |checker| checker.run_with(sweep, change)).0.unwrap_or_default();
+                let errors = found.into_iter().filter(Diagnostic::is_error);
+                self.diagnostics.extend(errors.map(|told| told.label(place, shown.clone())));
+                if self.error_count() > 0 {
+                    return;
+                }
+            }
+        }
+    }
+
+    /// Checks what a run does where a declaration has another value. Nothing is changed.
+    fn run_with(&mut self, sweep: &ast::Sweep, change: Change) -> Vec<Diagnostic> {
+        let (actions, thens, has_optimized) = (self.actions.len(), self.thens, self.has_optimized);
+        let (_, found) = self.trial(|checker| {
+            let slot = checker.slot_mut(change.decl);
+            (slot.hir.ty, slot.value, slot.state) = (change.ty, change.value, State::Done);
+            checker.integrator = None;
+            checker.has_optimized = false;
+            for action in &sweep.actions {
+                checker.top_action(action);
+            }
+            let scene = checker.default_scene.clone();
+            scene.into_iter().for_each(|id| checker.declare(id));
+        });
+        self.actions.truncate(actions);
+        (self.thens, self.has_optimized) = (thens, has_optimized);
+        found
     }
 
     fn axis(&mut self, variable: &ast::Swept) -> Option<hir::Axis> {

@@ -4,6 +4,7 @@ use super::hir;
 use super::modules::{Checker, State};
 use super::signature::{Const, Sig};
 use super::types::Ty;
+use super::with_room;
 use crate::diag::Diagnostic;
 use crate::source::Span;
 use crate::syntax::ast;
@@ -15,7 +16,51 @@ pub struct Change {
     pub value: Option<Const>,
 }
 
+/// How much is tried with known values in one check: expressions that are looked at for that.
+pub const MOST_TRIED: usize = 500_000;
+
 impl Checker<'_> {
+    /// Counts work, if something is tried. Whether it may go on.
+    pub fn spend(&mut self, work: usize) -> bool {
+        let Some(left) = &mut self.trying else { return true };
+        let is_enough = *left >= work;
+        *left = left.saturating_sub(work);
+        is_enough
+    }
+
+    /// Tries something with known values, of which only errors are of interest, and only as long as there is work left: gives what it gives,
+    /// unless that ran out, and these errors.
+    pub fn tried<T>(&mut self, most: usize, attempt: impl FnOnce(&mut Self) -> T) -> (Option<T>, Vec<Diagnostic>) {
+        let before = self.trying;
+        // Settings that follow steps are tried for each step, which has a bound of its own.
+        let available = before.unwrap_or(if self.at_step.is_some() { MOST_TRIED } else { self.left_to_try });
+        let given = available.min(most);
+        self.trying = Some(given);
+        let (instances, depth) = (self.instances.clone(), self.locals.len());
+        let outer = std::mem::take(&mut self.diagnostics);
+        // Lists in lists are tried one within the other.
+        let found = with_room(|| attempt(self));
+        let inner = std::mem::replace(&mut self.diagnostics, outer);
+        let left = self.trying.unwrap_or_default();
+        let (spent, is_whole) = (given - left, left > 0);
+        match before {
+            Some(before) => self.trying = Some(before - spent),
+            None => {
+                self.trying = None;
+                if self.at_step.is_none() {
+                    self.left_to_try -= spent;
+                }
+            }
+        }
+        self.locals.truncate(depth);
+        if !is_whole {
+            // What was left unfinished is not known.
+            self.instances = instances;
+        }
+        let errors = inner.into_all().into_iter().filter(|told| is_whole && told.is_error()).collect();
+        (Some(found).filter(|_| is_whole), errors)
+    }
+
     /// The type of an expression where replaced declarations have other sizes than usual. Everything that depends on them is inferred
     /// again, and errors are reported with the replacement that causes them.
     pub fn retyped(&mut self, body: &ast::Expr, wanted: Option<&Sig>, changes: &[Change], span: Span) -> Ty {
@@ -40,6 +85,8 @@ impl Checker<'_> {
     /// Infers something with all that it needs of the user's declarations, as if for the first time; afterwards all is as before. Gives what
     /// was reported meanwhile too.
     pub fn trial<T>(&mut self, infer: impl FnOnce(&mut Self) -> T) -> (T, Vec<Diagnostic>) {
+        // Each declaration is touched once.
+        self.spend(self.slots.len());
         let (slots, specialised) = (self.slots.clone(), self.specialised.clone());
         let (scene, integrator) = (self.default_scene.clone(), self.integrator);
         let outer = std::mem::take(&mut self.diagnostics);

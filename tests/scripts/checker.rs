@@ -9,13 +9,13 @@ fn checked(text: &str) -> Checked {
     check::check_text("test.dscene", None, text, &[], &Disk)
 }
 
-fn errors(text: &str) -> Vec<Diagnostic> {
+pub(crate) fn errors(text: &str) -> Vec<Diagnostic> {
     checked(text).diagnostics.into_iter().filter(Diagnostic::is_error).collect()
 }
 
 /// The value of `text` within a file of `declarations`.
 #[track_caller]
-fn value(declarations: &str, text: &str) -> Value {
+pub(crate) fn value(declarations: &str, text: &str) -> Value {
     let Checked { program, diagnostics, .. } = checked(declarations);
     let found: Vec<&Diagnostic> = diagnostics.iter().filter(|d| d.is_error()).collect();
     assert!(found.is_empty(), "{declarations}\n{found:#?}");
@@ -31,7 +31,7 @@ fn value(declarations: &str, text: &str) -> Value {
 }
 
 #[track_caller]
-fn close(found: &Value, wanted: &Value, what: &str) {
+pub(crate) fn close(found: &Value, wanted: &Value, what: &str) {
     fn same(a: &Value, b: &Value) -> bool {
         match (a, b) {
             (Value::Array(a), Value::Array(b)) => a.len() == b.len() && a.iter().zip(b).all(|(a, b)| same(a, b)),
@@ -47,7 +47,7 @@ fn close(found: &Value, wanted: &Value, what: &str) {
 
 /// Each script is refused, its first error has this code.
 #[track_caller]
-fn refused_for(rows: &[(String, &str)]) {
+pub(crate) fn refused_for(rows: &[(String, &str)]) {
     let wrong = rows.iter().filter_map(|(script, code)| {
         let found = errors(script);
         let first = found.first().map(|d| d.code);
@@ -59,7 +59,7 @@ fn refused_for(rows: &[(String, &str)]) {
 }
 
 /// A scene for rows that need one.
-const SCENE: &str = "camera eye { position: [0, 1, -4], look_at: [0, 0, 0], film: [16, 8] }\n\
+pub(crate) const SCENE: &str = "camera eye { position: [0, 1, -4], look_at: [0, 0, 0], film: [16, 8] }\n\
     shape ball { mesh: sphere(), material: diffuse() }\nlight lamp = constant(1)\nlet shot = alpha(eye)\n";
 
 /// Script and code of the first error.

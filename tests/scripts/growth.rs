@@ -285,7 +285,7 @@ let n = 3
     }
     // Truths stay truths, and what fails for one item says so as ever.
     let mut engine = engine(
-        "let xs = [1, 2, 3]\nlet some = if any([x > 2 for x in xs]) then 1 else 0\nlet bad = [sqrt(x - 2) for x in xs]\nlet none = len([x for x in xs if x > 5])\n",
+        "let xs = [1, 2, 3] * sum(noise([1]) ^ 0)\nlet some = if any([x > 2 for x in xs]) then 1 else 0\nlet bad = [sqrt(x - 2) for x in xs]\nlet none = len([x for x in xs if x > 5])\n",
     );
     assert_eq!(numbers(&mut engine, "some"), Ok(vec![1.0]));
     assert_eq!(numbers(&mut engine, "bad"), Err("dscene::run::value".to_owned()));

@@ -163,7 +163,7 @@ fn with_replaces_what_it_reaches_and_nothing_else() {
 
 #[test]
 fn with_keeps_fields_where_they_have_a_meaning() {
-    let scene = "let dark = -0.5\nshape ball { mesh: sphere(), material: diffuse(reflectance: 0.5) }\nlight e = constant(1)\nlet r = ball.material.reflectance\nlet l = e.radiance";
+    let scene = "let dark = -0.5 * sum(noise([1]) ^ 0)\nshape ball { mesh: sphere(), material: diffuse(reflectance: 0.5) }\nlight e = constant(1)\nlet r = ball.material.reflectance\nlet l = e.radiance";
     check(scene, "r with { ball.material.reflectance: 0.25 }", json!(0.25));
     let mut e = engine(scene);
     for (text, part) in [

@@ -32,6 +32,7 @@ mod growth;
 mod hostile_values;
 mod image_files;
 mod kept_inside;
+mod known_values;
 mod language;
 mod library;
 mod lints;

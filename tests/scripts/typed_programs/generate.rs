@@ -483,7 +483,7 @@ impl Generator<'_, '_> {
             T::Transform => "translation([0, 1, 0])".to_owned(),
             T::Mesh => (*self.pick(&["icosphere(subdivisions: 0)", "cube()"])).to_owned(),
             T::Material => "diffuse()".to_owned(),
-            T::Texture => "texture([[0, 1], [1, 0]])".to_owned(),
+            T::Texture => "texture([[1, 1], [1, 1]])".to_owned(),
             T::Shape => "shape(mesh: cube())".to_owned(),
             T::Light => (*self.pick(&["constant(0.5)", "area(cube(), radiance: 2)"])).to_owned(),
             T::Camera([w, h]) => format!("camera(film: [{w}, {h}])"),

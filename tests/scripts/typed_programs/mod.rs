@@ -36,8 +36,9 @@ fn fault(statements: &[Statement]) -> Option<String> {
     let Checked { program, diagnostics, .. } = checked(&text);
     let errors: Vec<String> =
         diagnostics.iter().filter(|d| d.is_error()).map(|d| format!("{}: {}", d.code, d.message)).collect();
-    // Of random numbers it may be that a camera looks along its `up`, or that a matrix has no inverse.
-    let is_of_values = |d: &Diagnostic| ["dscene::value::look_at", "dscene::value::refused"].contains(&d.code);
+    // Of random numbers it may be that a camera looks along its `up`, that a matrix has no inverse, or a sum no arc sine.
+    let of_values = ["dscene::value::look_at", "dscene::value::refused", "dscene::value::range"];
+    let is_of_values = |d: &Diagnostic| of_values.contains(&d.code);
     if program.is_none() && diagnostics.iter().filter(|d| d.is_error()).all(is_of_values) {
         return None;
     }

@@ -48,7 +48,7 @@ impl Generator<'_, '_> {
             T::Texture => match self.tape.below(4) {
                 0 => self.open("texture", &T::Image([3, 4, 3]), depth).loosely(),
                 1 => atom("checkerboard(a: 0.1, b: [0.2, 0.3, 0.4], tiles: 2)"),
-                2 => atom("texture([[0.5, 0.25]], filter: nearest, wrap: mirror)"),
+                2 => atom("texture([[1, 1]], filter: nearest, wrap: mirror)"),
                 _ => atom("vertex_color()"),
             },
             T::Shape => self.named("shape", &[("mesh", T::Mesh), ("material", T::Material)], depth),

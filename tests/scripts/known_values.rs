@@ -1,0 +1,196 @@
+//! What is known before a run is checked before it, item by item and replacement by replacement, and what is right is not refused for it.
+
+use std::fmt::Write;
+use std::time::Instant;
+
+use dscene::check::{self, Disk};
+use serde_json::json;
+
+use crate::checker::{SCENE, close, errors, refused_for, value};
+
+/// Messages and places of the errors of a script: the text that each label points to.
+fn told(script: &str) -> Vec<String> {
+    let text = |span: dscene::source::Span| script[span.start as usize..span.end as usize].to_owned();
+    let one = |told: dscene::diag::Diagnostic| {
+        let places = told.labels.iter().map(|label| format!("{}: {}", text(label.span), label.text));
+        format!("{} | {}", told.message, places.collect::<Vec<_>>().join(" | "))
+    };
+    errors(script).into_iter().map(one).collect()
+}
+
+#[test]
+fn elements_are_refused_for_the_items_of_known_lists() {
+    let with_scene = |script: &str| format!("{SCENE}{script}");
+    refused_for(
+        &[
+            ("let x = [icosphere(radius: k) for k in [1, -1]]", "dscene::value::range"),
+            ("let x = [[1, 2, 3][k] for k in 0..5]", "dscene::type::index"),
+            ("let x = [mean(render(eye, spp: n)) for n in [4, 0]]", "dscene::value::spp"),
+            ("let x = [camera(fov: a) for a in [30deg, 200deg]]", "dscene::value::fov"),
+            ("let x = [resize(shot, width: w, height: 1) for w in [2, 0]]", "dscene::value::range"),
+            ("let x = [diffuse(reflectance: k) for k in 0..3]", "dscene::value::range"),
+            ("fn f(x: scalar in 0..1) = x\nlet x = [f(k) for k in 0..3]", "dscene::value::range"),
+            ("let x = [[1, 2, 3][i + j] for i in 0..2 for j in 0..3]", "dscene::type::index"),
+            ("let x = [[1, 2, 3][j] for i in 0..5 for j in i..i + 1]", "dscene::type::index"),
+            ("let x = [sqrt(a - b) for a, b in zip([3, 1], [1, 3])]", "dscene::value::range"),
+            ("let x = [sqrt(r.a) for r in [{ a: 1 }, { a: -1 }]]", "dscene::value::range"),
+            ("let x = [[1, 2][k] for k in 0..5 if k > 1]", "dscene::type::index"),
+            ("let x = [k for k in 0..5 if [1, 2][k] > 0]", "dscene::type::index"),
+            ("let x = [sqrt(99 - k) for k in 0..101]", "dscene::value::range"),
+            ("let x = [sqrt(5000 - k) for k in 0..100000]", "dscene::value::range"),
+            ("fn f(k) = [1, 2, 3][k]\nlet x = [f(k) for k in 0..5]", "dscene::type::index"),
+            ("fn f(n) = [[1, 2, 3][k] for k in 0..n]\nlet x = f(5)", "dscene::type::index"),
+            ("let xs = [k * k for k in 0..4]\nlet x = [sqrt(5 - k) for k in xs]", "dscene::value::range"),
+            ("let x = [k for k in 0..10 if k > 6][3]", "dscene::type::index"),
+            ("let x = [shot with { eye.look_at: [0, 1, z] } for z in [0, -4]]", "dscene::value::look_at"),
+            ("let x = [[1, 2, 3][k] with { k: n } for n in 0..4]\nlet k = 0", "dscene::type::index"),
+            ("let x = diffuse(reflectance: texture([[1.6, 0.5], [0.2, 0.3]]))", "dscene::value::range"),
+        ]
+        .map(|(script, code)| (with_scene(script), code)),
+    );
+    assert_eq!(
+        told("let x = [[1, 2][i + j] for i in 0..3 for j in 0..2]"),
+        [
+            "index 2 is outside of an array of 2 | i + j: out of range | [1, 2]: has 2 elements | i: here `i` is 1 | j: here `j` is 1"
+        ]
+    );
+}
+
+#[test]
+fn items_for_which_nothing_is_asked_are_no_mistake() {
+    let late = "let late = sum(noise([1]) ^ 0)\nparam p = 5\nlet xs = [1, 2, 3]\nlet k = 2\n";
+    for (text, wanted) in [
+        ("[xs[i] for i in 0..5 if i < 3]", json!([1, 2, 3])),
+        ("[if i < 3 then xs[i] else 0 for i in 0..5]", json!([1, 2, 3, 0, 0])),
+        ("[if i < 2 + late then xs[i] else 0 for i in 0..5]", json!([1, 2, 3, 0, 0])),
+        ("[xs[i] for i in 0..5 if i < 2 + late]", json!([1, 2, 3])),
+        ("[if i < 3 and xs[i] > 1 then 1 else 0 for i in 0..5]", json!([0, 1, 1, 0, 0])),
+        ("[if i >= 3 or xs[i] > 1 then 1 else 0 for i in 0..5]", json!([0, 1, 1, 1, 1])),
+        ("[xs[j] for i in 0..4 for j in 0..3 - i]", json!([1, 2, 3, 1, 2, 1])),
+        ("[1 / i for i in []]", json!([])),
+        ("sum([sqrt(i) for i in 0..0])", json!(0)),
+        ("len([i for i in 0..10 if i > 6])", json!(3)),
+        ("[xs[i] with { k: 9 } for i in 0..3]", json!([1, 2, 3])),
+        ("(if k < 3 then xs[k] else 0) with { k: 7 }", json!(0)),
+        ("(k < 3 and xs[k] > 0) with { k: 7 }", json!(false)),
+        ("k < 2 and xs[k + 1] > 0", json!(false)),
+        ("sqrt([[1, -4], [9, -16]] * [1, -1])", json!([[1, 2], [3, 4]])),
+        ("sqrt([1, -1] * [[1, -4], [9, -16]])", json!([[1, 2], [3, 4]])),
+    ] {
+        close(&value(late, text), &wanted, text);
+    }
+}
+
+#[test]
+fn what_a_with_gives_is_checked_as_if_it_were_declared() {
+    let late = "let n = 4\nlet k = 2\nlet ks = [0, 1]\nparam p = 0.5 in 0..1\nparam a = 30deg in 0deg..90deg\n\
+                camera cam { position: [0, 1, -4], look_at: [0, 0, 0], fov: 40deg, film: [8, 8] }\n\
+                shape many { mesh: icosphere(subdivisions: n), material: diffuse() }\n\
+                let far = [1, 2, 3][k]\nlet other = camera(position: [0, 0, n])\n";
+    let rows = [
+        ("shot with { eye.look_at: [0, 1, -4] }", "dscene::value::look_at"),
+        ("alpha(cam) with { cam.fov: 200deg }", "dscene::value::fov"),
+        ("alpha(other) with { other.position: [0, 0, 0] }", "dscene::value::refused"),
+        ("alpha(other) with { n: 0 }", "dscene::value::refused"),
+        ("render(eye, spp: n) with { n: 0 }", "dscene::value::spp"),
+        ("shot with { n: -1 }", "dscene::value::range"),
+        ("far with { k: 3 }", "dscene::type::index"),
+        ("[1, 2][ks[0]] with { ks[0]: 2 }", "dscene::type::index"),
+        ("[1, 2, 3][ks[1]] with { ks: [0, 3] }", "dscene::type::index"),
+        ("p with { p: 3 }", "dscene::type::bounds"),
+        ("a with { a: 91deg }", "dscene::type::bounds"),
+        ("shot with { ball.material.reflectance: k }", "dscene::value::range"),
+        ("shot with { ball.mesh: icosphere(radius: -k) }", "dscene::value::range"),
+        ("([i for i in 0..n] with { n: 2 })[2]", "dscene::type::index"),
+    ];
+    refused_for(&rows.map(|(text, code)| (format!("{SCENE}{late}let x = {text}"), code)));
+    for (text, wanted) in [
+        ("([i for i in 0..n] with { n: 5 })[4]", json!(4)),
+        ("far with { k: 0 }", json!(1)),
+        ("p with { p: 1 }", json!(1)),
+        ("far with { n: 0 }", json!(3)),
+        ("cam.look_at with { cam.position: [0, 0, 0], cam.look_at: [0, 1, -4] }", json!([0, 1, -4])),
+        ("other.position with { n: 1 }", json!([0, 0, 1])),
+        ("[1, 2][ks[0]] with { ks[0]: 1 }", json!(2)),
+    ] {
+        close(&value(&format!("{SCENE}{late}"), text), &wanted, text);
+    }
+    let script = "let k = 2\nlet far = [1, 2, 3][k]\nlet x = far with { k: 3 }";
+    assert_eq!(
+        told(script),
+        [
+            "index 3 is outside of an array of 3 | k: out of range | [1, 2, 3]: has 3 elements | 3: with this replacement"
+        ]
+    );
+}
+
+/// A run of a sweep that cannot succeed is told before the first one.
+#[test]
+fn each_value_of_a_sweep_is_tried_before_its_runs() {
+    let declared = "let n = 4\nparam r = 0.5\nlet far = [1, 2, 3, 4, 5][n]\n";
+    let rows = [
+        ("sweep m in [4, 0] { report { a: mean(render(eye, spp: m)) } }", "dscene::value::spp"),
+        ("sweep n in [4, 0, 5] { report { a: far } }", "dscene::type::index"),
+        (
+            "sweep lr in [0.1, -1], k in 0..2 { optimize (r - k) ^ 2 { steps: 2, using: adam(lr: lr) } }",
+            "dscene::value::range",
+        ),
+        ("param q = 1 in 0..2\nsweep q in [1, 3] { report { a: q } }", "dscene::type::bounds"),
+        ("sweep k in 0..4 { report { a: [1, 2, 3][k] } }", "dscene::type::index"),
+    ];
+    refused_for(&rows.map(|(sweep, code)| (format!("{SCENE}{declared}{sweep}"), code)));
+    let right =
+        "sweep n in 0..5, seed in 0..3, k in [1, 2] { optimize (r - k) ^ 2 { steps: 2 }\nreport { a: far * k } }";
+    assert_eq!(told(&format!("{SCENE}{declared}{right}")), Vec::<String>::new());
+    let script = "let far = [1, 2, 3][n]\nsweep n in [2, 3] { report { a: far } }";
+    assert_eq!(
+        told(script),
+        ["index 3 is outside of an array of 3 | n: out of range | [1, 2, 3]: has 3 elements | 3: for the value 3"]
+    );
+}
+
+/// Lines of the REPL are told of a `with` what a file is told.
+#[test]
+fn a_with_of_a_line_is_checked_as_in_a_file() {
+    let file = format!("{SCENE}param p = 0.5 in 0..1\nlet k = 2\nlet far = [1, 2, 3][k]\n");
+    for (line, code) in [
+        ("shot with { ball.material.reflectance: 2 }", "dscene::value::range"),
+        ("shot with { ball.material.reflectance: 2deg }", "dscene::type::mismatch"),
+        ("shot with { lamp.radiance: -1 }", "dscene::value::range"),
+        ("shot with { eye.look_at: [0, 1, -4] }", "dscene::value::look_at"),
+        ("p with { p: 3 }", "dscene::type::bounds"),
+        ("far with { k: 3 }", "dscene::type::index"),
+        ("let y = far with { k: 3 }", "dscene::type::index"),
+    ] {
+        let mut program = check::check_text("t", None, file.clone(), &[], &Disk).program.expect("a program");
+        for again in 0..2 {
+            let (found, told) = check::check_line(&mut program, line);
+            assert!(found.is_none(), "{line} ({again})");
+            assert_eq!(told.iter().map(|d| d.code).collect::<Vec<_>>(), [code], "{line} ({again})");
+        }
+        assert!(check::check_line(&mut program, "far with { k: 1 }").0.is_some());
+    }
+}
+
+/// However many lists, items and replacements there are, little is tried with them.
+#[test]
+fn what_is_tried_with_known_values_is_bounded() {
+    let long: Vec<String> = (0..100_000).map(|i| i.to_string()).collect();
+    let mut script = format!("let k = 2\nlet all = [2 * k for k in [{}]]\nlet x0 = [1, 2, 3][k]\n", long.join(", "));
+    script += "let wide = [a + b + c + d for a in 0..60 for b in 0..60 for c in 0..60 for d in 0..60]\n";
+    script += "fn f0(x) = sum([x * i for i in 0..50])\n";
+    for i in 1..40 {
+        _ = writeln!(script, "fn f{i}(x) = sum([f{}(x * j) for j in 0..50])", i - 1);
+    }
+    _ = writeln!(script, "let deep = f30(2)");
+    for i in 1..3000 {
+        _ = writeln!(
+            script,
+            "let x{i} = (x{} with {{ k: 1 }}) + [1, 2][k - 1]\nlet y{i} = x{i} with {{ k: 1 }}",
+            i - 1
+        );
+    }
+    let start = Instant::now();
+    assert_eq!(told(&script), Vec::<String>::new());
+    assert!(start.elapsed().as_secs() < 60, "{:?}", start.elapsed());
+}
