@@ -1,5 +1,6 @@
 //! Actions: `optimize`, `save`, `print`, `expect`. (`plot`, `sweep` and `report` have files of their own.)
 
+use super::arith::image_sizes;
 use super::hir;
 use super::modules::Checker;
 use super::signature::{Const, Sig};
@@ -25,6 +26,9 @@ pub const OPTIMIZE: [&str; 12] = [
 
 /// The largest `blur` in pixels, as for the function of that name.
 pub const MOST_BLUR: f64 = 1e4;
+
+/// Longest chain of names that stand for other names.
+const DEEPEST: usize = 16;
 
 impl Checker<'_> {
     pub fn top_action(&mut self, action: &ast::Action) {
@@ -139,7 +143,52 @@ impl Checker<'_> {
             _ => &["png", "apng", "exr", "hdr", "obj", "ply", "glb", "json", "csv", "npy", "txt"],
         };
         let text = self.sources.text(value.span).to_owned();
-        self.path(path, &saved.a(), known, Some((saved, &text)))
+        let path = self.path(path, &saved.a(), known, Some((saved, &text)));
+        self.check_written(value, &path);
+        path
+    }
+
+    /// Checks what a file of that kind would refuse: columns of different lengths, pictures of different sizes, and lights that glTF has not.
+    fn check_written(&mut self, value: &hir::Expr, path: &hir::Expr) {
+        let hir::ExprKind::Str(parts) = &path.kind else { return };
+        let Some(hir::StrPart::Text(name)) = parts.last() else { return };
+        let Some((_, ending)) = name.rsplit_once('.') else { return };
+        let told = match ending.to_lowercase().as_str() {
+            "csv" => columns_of_two_lengths(value),
+            "apng" => frames_of_two_sizes(&self.written(value)),
+            "glb" if self.is_no_light_of_gltf(&self.written(value)) => Some(
+                Diagnostic::error("dscene::file::format", "glTF has no such lights, and there is nothing else to save")
+                    .label(value.span, "shines from everywhere")
+                    .help("`scene` or `[scene, eye]` is saved with all else; lights of glTF are `point`, `spot`, `directional` and `area`"),
+            ),
+            _ => None,
+        };
+        self.diagnostics.extend(told);
+    }
+
+    /// What a name stands for.
+    fn written(&self, e: &hir::Expr) -> hir::Expr {
+        let mut e = e;
+        for _ in 0..DEEPEST {
+            match &e.kind {
+                hir::ExprKind::Decl(id) => match self.slot(*id).hir.body.as_deref() {
+                    Some(body) if !self.renewed.contains(id) => e = body,
+                    _ => break,
+                },
+                _ => break,
+            }
+        }
+        e.clone()
+    }
+
+    /// Whether a value is a light around the scene, or some of them.
+    fn is_no_light_of_gltf(&self, value: &hir::Expr) -> bool {
+        match &value.kind {
+            hir::ExprKind::Array(items) => {
+                !items.is_empty() && items.iter().all(|item| self.is_no_light_of_gltf(&self.written(item)))
+            }
+            _ => value.ty == Ty::Light && matches!(self.model(value), Some("constant" | "environment")),
+        }
     }
 
     /// Checks the name of an output file, whose ending is one of those `known` for `what`: a value has its type and its text.
@@ -404,4 +453,27 @@ fn other_way(stem: &str, ending: &str, known: &[&str], value: Option<(&Ty, &str)
     } else {
         None
     }
+}
+
+/// Of a record that becomes a table: the error about columns of different lengths.
+fn columns_of_two_lengths(value: &hir::Expr) -> Option<Diagnostic> {
+    let Ty::Record(fields) = &value.ty else { return None };
+    let mut columns = fields.iter().filter_map(|(name, ty)| Some((name, super::infer::item_of(ty)?.1?)));
+    let (first, n) = columns.next()?;
+    let (other, m) = columns.find(|(_, m)| *m != n)?;
+    let message = format!("a table has columns of one length: `{first}` has {n}, `{other}` {m}");
+    let told = Diagnostic::error("dscene::type::shape", message).label(value.span, "this table");
+    Some(told.help("take a part of the longer one, `xs[0..n]`, or save it as `.json`"))
+}
+
+/// Of the pictures of an animation: the error about their sizes.
+fn frames_of_two_sizes(value: &hir::Expr) -> Option<Diagnostic> {
+    let hir::ExprKind::Array(frames) = &value.kind else { return None };
+    let mut sizes = frames.iter().filter_map(|frame| Some((frame.span, image_sizes(&frame.ty)?)));
+    let (first, size) = sizes.next()?;
+    let (other, another) = sizes.find(|(_, another)| *another != size)?;
+    let told = Diagnostic::error("dscene::type::shape", "the images of an animation have one size")
+        .label(other, format!("this is {another}"))
+        .label(first, format!("this is {size}"));
+    Some(told.help("`resize(image, width: …, height: …)` brings images to one size"))
 }

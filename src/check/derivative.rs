@@ -2,6 +2,7 @@
 
 use super::call::{Given, Site};
 use super::declare::broken;
+use super::domains::input_of_field;
 use super::hir::{self, DeclId, DerivativeKind, ExprKind};
 use super::infer::{Typed, typed};
 use super::modules::Checker;
@@ -36,7 +37,10 @@ impl Checker<'_> {
         let first = types.first().cloned().unwrap_or(Ty::Gradients);
         let argument = match kind {
             DerivativeKind::Grad | DerivativeKind::Jacobian => None,
-            DerivativeKind::Jvp => arg("direction").map(|d| self.direction(d, &first)),
+            DerivativeKind::Jvp => arg("direction").map(|d| {
+                let first = self.type_of_input(wrt.first(), first.clone());
+                self.direction(d, &first)
+            }),
             DerivativeKind::FiniteDifference => arg("step").map(|s| self.setting_of(id, "step", s, site)),
             DerivativeKind::Estimate => match arg("repeats") {
                 Some(repeats) => Some(self.setting_of(id, "repeats", repeats, site)),
@@ -109,6 +113,13 @@ impl Checker<'_> {
         let found: Vec<_> = items.iter().map(|item| (self.wrt(item), item.span)).collect();
         let known: Option<Vec<_>> = found.into_iter().map(|(w, span)| w.map(|(t, ty)| ((t, span), ty))).collect();
         Some(known?.into_iter().unzip())
+    }
+
+    /// The type of a field that depends on how its value is made, such as the radiance of a light: that of the constructor's argument.
+    fn type_of_input(&self, wrt: Option<&(hir::Target, Span)>, ty: Ty) -> Ty {
+        let target = wrt.map(|(target, _)| target).filter(|_| ty == Ty::Any);
+        let input = target.and_then(|target| input_of_field(|id| &self.slot(id).hir, target));
+        input.and_then(|(_, _, given)| Some(given?.ty.clone())).unwrap_or(ty)
     }
 
     /// The direction of a `jvp`.

@@ -6,6 +6,7 @@ use super::hir::{Callee, Expr, ExprKind, Program, Target};
 use super::infer::{Typed, item_of, typed};
 use super::library::constructors;
 use super::modules::{Checker, is_private};
+use super::signature::Const;
 use super::types::{Dim, Ty};
 use crate::diag::{Diagnostic, did_you_mean, suggest};
 use crate::source::Span;
@@ -76,15 +77,11 @@ impl Checker<'_> {
         };
         let ty = if ty != Ty::Error && self.lacks(&base.expr, name, 16) { Ty::Error } else { ty };
         let value = match &base.value {
-            Some(super::signature::Const::List(items))
-                if name.text.len() == 1 && matches!(&base.expr.ty, Ty::Num(s) if s.len() == 1) =>
-            {
+            Some(Const::List(items)) if name.text.len() == 1 && matches!(&base.expr.ty, Ty::Num(s) if s.len() == 1) => {
                 "xyzw".find(&name.text).or("rgba".find(&name.text)).and_then(|i| items.get(i).cloned())
             }
-            Some(super::signature::Const::Record(fields)) => {
-                fields.iter().find(|(n, _)| *n == name.text).map(|(_, value)| value.clone())
-            }
-            _ => None,
+            Some(Const::Record(fields)) => fields.iter().find(|(n, _)| *n == name.text).map(|(_, value)| value.clone()),
+            _ => known_size(&base.expr.ty, &name.text),
         };
         Typed { value, ..typed(ExprKind::Field { base: Box::new(base.expr), name: name.text.clone() }, span, ty) }
     }
@@ -109,6 +106,11 @@ impl Checker<'_> {
             }
             _ => None,
         }
+    }
+
+    /// The name of that model.
+    pub fn model(&self, made: &Expr) -> Option<&'static str> {
+        self.model_of(made, 16).map(|(model, _)| model)
     }
 
     /// Reports a field that a light, material or camera does not have, if it is known how the value is constructed.
@@ -247,6 +249,23 @@ pub fn type_of(program: &Program, target: &Target) -> Ty {
         false => field_type(&ty, name).unwrap_or(Ty::Any),
     };
     target.path.iter().fold(program.decl(target.decl).ty.clone(), part)
+}
+
+/// The size of a picture, where it is known before a run.
+fn known_size(ty: &Ty, field: &str) -> Option<Const> {
+    let Ty::Image { height, width, channels, .. } = (match ty {
+        Ty::AngleImage(image) => &**image,
+        other => other,
+    }) else {
+        return None;
+    };
+    let size = match field {
+        "height" => height,
+        "width" => width,
+        "channels" => channels,
+        _ => return None,
+    };
+    size.map(|n| Const::Num(n as f64))
 }
 
 /// Lights by constructor, with their fields.

@@ -9,6 +9,7 @@ use super::results::rank;
 use super::signature::{self, Const, dims_agree};
 use super::types::{Dim, Ty};
 use crate::diag::Diagnostic;
+use crate::source::Span;
 
 /// Two arrays of numbers or angles that can be joined along an axis other than the first: all other lengths agree.
 fn side_by_side(x: &Ty, y: &Ty, along: f64) -> Option<()> {
@@ -302,6 +303,9 @@ impl Checker<'_> {
             return;
         }
         let image = |ty: &Ty| matches!(ty, Ty::Image { .. });
+        if self.report_mixed_units(&parts) {
+            return;
+        }
         let Some(b) = b else {
             let item = item_of(&a.expr.ty).map(|(item, _)| item);
             let is_joined = |item: &Ty| item.is_unknown() || image(item) || item_of(item).is_some();
@@ -350,6 +354,31 @@ impl Checker<'_> {
                 );
             }
         }
+    }
+
+    /// Reports angles that would be joined with numbers; whether there are any.
+    fn report_mixed_units(&mut self, parts: &[&Typed]) -> bool {
+        // Of a list of arrays, its items.
+        let items: Vec<(Span, Ty)> = match parts {
+            [list] => match (&list.expr.kind, &list.expr.ty) {
+                (ExprKind::Array(items), _) => items.iter().map(|item| (item.span, item.ty.clone())).collect(),
+                (_, Ty::Tuple(types)) => types.iter().map(|ty| (list.expr.span, ty.clone())).collect(),
+                _ => Vec::new(),
+            },
+            _ => parts.iter().map(|part| (part.expr.span, part.expr.ty.clone())).collect(),
+        };
+        let unit = |ty: &Ty| ty.without_unit().map(|(_, angles)| angles);
+        let Some((first, is_angle)) = items.iter().find_map(|item| Some((item, unit(&item.1)?))) else { return false };
+        let other = items.iter().find(|(_, ty)| unit(ty).is_some_and(|angles| angles != is_angle));
+        if let Some(other) = other {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::unit", "`concat` joins angles or numbers, not both")
+                    .label(other.0, format!("this is `{}`", other.1))
+                    .label(first.0, format!("this is `{}`", first.1))
+                    .help("give both a unit, or neither: `concat([1deg], [2deg])`, `concat(angles / 1deg, [2])`"),
+            );
+        }
+        other.is_some()
     }
 
     /// Checks that arrays or images have the same shape.

@@ -235,7 +235,7 @@ fn a_list_of_images_is_an_animation() {
     let reader = png::Decoder::new(std::io::Cursor::new(bytes)).read_info().unwrap();
     assert_eq!(reader.info().animation_control().map(|c| (c.num_frames, c.num_plays)), Some((3, 0)));
     // What only a run knows is told there.
-    place.write("t.dscene", "save [image([[1]]), image([[1, 2]])] to \"a.apng\"\n");
+    place.write("t.dscene", "let w = 1 + sum(noise([1]) ^ 0)\nsave [image([[1]]), resize(image([[1]]), width: w, height: 1)] to \"a.apng\"\n");
     assert_refused(&place.dsl(&["run", "t.dscene", "--out", "t"]), "dscene::run::save", "have one size");
 }
 

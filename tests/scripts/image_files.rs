@@ -471,7 +471,7 @@ fn what_a_file_does_not_hold_of_an_image_is_told_when_it_is_saved() {
             "an HDR file holds colours, not 2 channels … help: `.exr` holds images of any number of channels",
         ),
         (
-            "save [image([[1]]), image([[1, 2]])] to \"a.apng\"\n",
+            "save [image([[1]]), resize(image([[1]]), width: 1 + sum(noise([1]) ^ 0), height: 1)] to \"a.apng\"\n",
             "have one size, … help: `resize(image, width: …, height: …)` brings images to one size",
         ),
     ] {

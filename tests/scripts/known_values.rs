@@ -172,6 +172,36 @@ fn a_with_of_a_line_is_checked_as_in_a_file() {
     }
 }
 
+#[test]
+fn what_a_file_cannot_hold_is_told_before_the_run() {
+    let late = "let some = [i for i in [1, 2, 3] if i > sum(noise([1]) ^ 0)]\nlet t = 30deg\n";
+    let rows = [
+        ("save lamp to \"a.glb\"", "dscene::file::format"),
+        ("save [lamp, constant(2)] to \"a.glb\"", "dscene::file::format"),
+        ("save { a: [1, 2], b: [1, 2, 3] } to \"a.csv\"", "dscene::type::shape"),
+        ("save [shot, shot with { eye.film: [4, 4] }] to \"a.apng\"", "dscene::type::shape"),
+        ("let x = mean(jvp(shot, lamp.radiance, [1, 2]))", "dscene::type::shape"),
+        ("let x = shot[shot.height, 0]", "dscene::type::index"),
+        ("let x = shot[0, shot.width]", "dscene::type::index"),
+        ("let x = some[5]", "dscene::type::index"),
+        ("let x = [j for j in some if j > 1][-4]", "dscene::type::index"),
+        ("let x = concat([1, 2], [1deg])", "dscene::type::unit"),
+        ("let x = concat([[1], [1deg]])", "dscene::type::unit"),
+        ("let x = concat([[t]], [[1]])", "dscene::type::unit"),
+    ];
+    refused_for(&rows.map(|(script, code)| (format!("{SCENE}{late}{script}"), code)));
+    for right in [
+        "save [lamp, ball] to \"a.glb\"",
+        "save { a: [1, 2], b: [3, 4], c: some } to \"a.csv\"",
+        "let x = mean(jvp(shot, lamp.radiance, [1, 2, 3])) + mean(jvp(shot, lamp.radiance, 1))",
+        "let x = shot[shot.height - 1, shot.width - 1]",
+        "let x = some[2]",
+        "let x = [concat([], [1deg]), concat([1deg], [2deg])]\nlet y = concat([1], [\"a\"])",
+    ] {
+        assert_eq!(told(&format!("{SCENE}{late}{right}")), Vec::<String>::new(), "{right}");
+    }
+}
+
 /// However many lists, items and replacements there are, little is tried with them.
 #[test]
 fn what_is_tried_with_known_values_is_bounded() {
