@@ -4,6 +4,7 @@ use serde_json::json;
 
 use super::args::EvalArgs;
 use super::{EXIT_WRONG, Terminal, load, out};
+use crate::check::types::Ty;
 use crate::eval;
 use crate::session::clock::Stopwatch;
 use crate::session::run::tell_warnings;
@@ -23,15 +24,19 @@ pub fn run(args: &EvalArgs) -> u8 {
     tell_warnings(&mut loaded.engine, &mut terminal);
     match result {
         Ok(value) => {
+            let slope = eval::unit_of_slope(loaded.engine.program(), &expr);
             if args.common.json {
                 let value = eval::to_json(&value);
                 let mut object = json!({"value": value, "type": expr.ty.to_string(), "seconds": seconds});
-                if eval::is_angle(&expr.ty) {
+                let is_of_angles = |ty: &Ty| matches!(ty, Ty::Estimate(of) if eval::is_angle(of));
+                if eval::is_angle(&expr.ty) || is_of_angles(&expr.ty) {
                     object["unit"] = json!("rad");
+                } else if !slope.is_empty() {
+                    object["unit"] = json!("1/rad");
                 }
                 out::line(&object.to_string());
             } else {
-                out::line(&eval::show(&value, &expr.ty));
+                out::line(&(eval::show(&value, &expr.ty) + slope));
             }
             0
         }

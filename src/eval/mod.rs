@@ -65,7 +65,7 @@ pub use rehearsal::{Rehearsal, Rehearsed, Work};
 pub use render::RenderOverrides;
 pub use residuals::Residuals;
 pub use scene_file::{Names, SceneFile, scene_file};
-pub use show::{brief, exact, is_angle, json_size, number_text, show, to_json};
+pub use show::{brief, exact, is_angle, json_size, number_text, show, to_json, unit_of_slope};
 pub use state::{EngineState, Placed};
 
 /// What an evaluation gives, or the one thing that is wrong.

@@ -2,7 +2,9 @@
 
 use serde_json::{Map, Value as Json, json};
 
+use crate::check::hir::{DerivativeKind, Expr, ExprKind, Program};
 use crate::check::text::angle_text;
+use crate::check::type_of;
 use crate::check::types::Ty;
 use crate::natives::value::{
     DeltaLightValue, GradientEntry, Input, LightValue, MaterialValue, MeshValue, TextureValue, Value,
@@ -49,6 +51,31 @@ pub fn exact(value: &Value, ty: &Ty) -> String {
         other => brief(other, ty),
     }
 }
+
+/// The unit of numbers that have none in their type: derivatives with respect to one angle are per radian.
+pub fn unit_of_slope(program: &Program, e: &Expr) -> &'static str {
+    let mut e = e;
+    for _ in 0..NAMES {
+        match &e.kind {
+            ExprKind::Decl(id) => match program.decl(*id).body.as_deref() {
+                Some(body) => e = body,
+                None => return "",
+            },
+            ExprKind::Derivative(d) => {
+                let is_slope = matches!(d.kind, DerivativeKind::Grad | DerivativeKind::FiniteDifference);
+                return match d.wrt.as_slice() {
+                    [(target, _)] if is_slope && is_angle(&type_of(program, target)) => " per radian",
+                    _ => "",
+                };
+            }
+            _ => return "",
+        }
+    }
+    ""
+}
+
+/// Longest chain of names that stand for a derivative.
+const NAMES: usize = 16;
 
 /// Arrays in arrays that are written out; a few that hold one another twice each would never end.
 const DEEPEST: usize = 4;

@@ -203,7 +203,10 @@ impl<'a> Runner<'a> {
             hir::Action::Print { values, .. } => {
                 let texts: Vec<String> = values
                     .iter()
-                    .map(|e| Ok(printed(&self.engine.eval(e)?, &e.ty)))
+                    .map(|e| {
+                        let text = printed(&self.engine.eval(e)?, &e.ty);
+                        Ok(text + eval::unit_of_slope(self.engine.program(), e))
+                    })
                     .collect::<Result<_, Diagnostic>>()?;
                 self.world.print(&texts.join(" "));
             }

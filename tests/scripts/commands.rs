@@ -304,3 +304,26 @@ fn what_grows_when_it_is_written_ends_at_the_budget() {
     assert_eq!(output.status.code(), Some(1));
     assert!(stderr(&output).contains("too large for a `.json` file"), "{}", stderr(&output));
 }
+
+/// Derivatives by one angle are numbers per radian, as those by several params are told to be; so is the unit of an estimate.
+#[test]
+fn numbers_of_angles_are_shown_with_their_unit() {
+    let place = Place::new();
+    let script = "param tilt = 60deg\nparam x = 2\nlet f = x * sin(tilt)\nlet slope = grad(f, tilt)\n";
+    place.write("t.dscene", format!("{script}print grad(f, tilt), slope, grad(f, x), slope * 1\n"));
+    let run = place.dsl(&["run", "t.dscene", "--out", "o"]);
+    assert_code(&run, 0);
+    assert_eq!(stdout(&run).lines().next(), Some("1 per radian 1 per radian 0.8660254 1"));
+    for (query, shown, unit) in [
+        ("grad(f, tilt)", "1 per radian", Some("1/rad")),
+        ("slope", "1 per radian", Some("1/rad")),
+        ("fd(f, x)", "0.8660254", None),
+        ("tilt", "60deg", Some("rad")),
+        ("estimate(tilt, repeats: 2)", "60deg ± 0deg (2 repeats)", Some("rad")),
+        ("estimate(x, repeats: 2)", "2 ± 0 (2 repeats)", None),
+    ] {
+        assert_eq!(stdout(&place.dsl(&["eval", "t.dscene", query])).trim(), shown, "{query}");
+        let json: Value = serde_json::from_str(&stdout(&place.dsl(&["eval", "t.dscene", query, "--json"]))).unwrap();
+        assert_eq!(json["unit"].as_str(), unit, "{query}: {json}");
+    }
+}

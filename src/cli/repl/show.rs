@@ -64,7 +64,8 @@ impl Repl<'_> {
             None => eval::show(&value, &expr.ty),
         };
         let name = if self.is_terminal { format!("   {}", super::dim(&name)) } else { String::new() };
-        self.world.print(&format!("{shown}   : {}{name}", expr.ty));
+        let unit = eval::unit_of_slope(self.living.engine.program(), expr);
+        self.world.print(&format!("{shown}{unit}   : {}{name}", expr.ty));
         Ok(())
     }
 
