@@ -44,9 +44,21 @@ fn mixed(i: usize) -> String {
 
 fn checking(c: &mut Criterion) {
     type Line = fn(usize) -> String;
-    let kinds: [(&str, Line); 4] = [
+    let kinds: [(&str, Line); 7] = [
         ("scripts", mixed),
         ("chains of lets", |i| if i == 0 { "let a0 = 1".to_owned() } else { format!("let a{i} = a{} + 1", i - 1) }),
+        ("chains of ifs", |i| match i {
+            0 => "param a0 = 1".to_owned(),
+            i => format!("let a{i} = if a{0} > 0 then a{0} else 2", i - 1),
+        }),
+        ("records in records", |i| match i {
+            0 => "let r0 = { k: 1 }".to_owned(),
+            i => format!("let r{i} = {{ inner: r{}, k: {i} }}", i - 1),
+        }),
+        ("optimisations", |i| match i {
+            0 => "let a0 = 0".to_owned(),
+            i => format!("param p{i} = 1\nlet a{i} = a{} + p{i}\noptimize a{i} ^ 2 {{ using: adam(lr: 0.1) }}", i - 1),
+        }),
         ("undeclared names", |i| format!("let a{i} = nowhere_{i} * 2")),
         ("chains of functions", |i| match i {
             0 => "fn f0(x) = x".to_owned(),
@@ -188,21 +200,28 @@ fn session(c: &mut Criterion) {
 }
 
 fn typing(c: &mut Criterion) {
-    let mut group = c.benchmark_group("REPL declarations");
-    group.sample_size(10);
-    for n in [250, 500, 1_000] {
-        group.throughput(Throughput::Elements(n as u64));
-        group.bench_with_input(BenchmarkId::from_parameter(n), &n, |b, &n| {
-            b.iter(|| {
-                let mut engine = engine("let a0 = 1");
-                for i in 1..n {
-                    check_line(&mut engine, &format!("let a{i} = a{} + 1", i - 1));
-                }
-                engine.program().decls.len()
+    type Line = fn(usize) -> String;
+    let kinds: [(&str, Line); 2] = [
+        ("declarations", |i| format!("let a{i} = a{} + 1", i - 1)),
+        ("lights", |i| format!("light a{i} = point([0, {i}, 1], 10)")),
+    ];
+    for (name, line) in kinds {
+        let mut group = c.benchmark_group(format!("REPL {name}"));
+        group.sample_size(10);
+        for n in [250, 500, 1_000] {
+            group.throughput(Throughput::Elements(n as u64));
+            group.bench_with_input(BenchmarkId::from_parameter(n), &n, |b, &n| {
+                b.iter(|| {
+                    let mut engine = engine("let a0 = 1");
+                    for i in 1..n {
+                        check_line(&mut engine, &line(i));
+                    }
+                    engine.program().decls.len()
+                });
             });
-        });
+        }
+        group.finish();
     }
-    group.finish();
 }
 
 /// Value and derivative.

@@ -442,11 +442,11 @@ impl Checker<'_> {
             return (known.ty.clone(), known.value.clone());
         }
         if self.is_counted() {
-            let instances = self.specialised.entry(function).or_default();
-            if *instances >= MOST_TYPES {
+            let instances = self.specialised.get(&function).copied().unwrap_or(0);
+            if instances >= MOST_TYPES {
                 return (Ty::Any, None);
             }
-            *instances += 1;
+            self.specialised.insert(function, instances + 1);
         }
         // A placeholder, in case the function calls itself.
         let nothing = Instance { ty: Ty::Error, value: None };

@@ -19,6 +19,8 @@ impl Checker<'_> {
     /// Checks a declaration unless it was checked already. A cycle is reported and has the error type.
     pub fn declare(&mut self, id: DeclId) {
         match self.slot(id).state {
+            // What was checked before a trial is checked again in it.
+            State::Done if self.slot(id).trial != self.trial && self.is_user(id) => with_room(|| self.declare_now(id)),
             State::Done => {}
             State::Busy => self.report_cycle(id),
             State::Waiting => with_room(|| self.declare_now(id)),
@@ -29,11 +31,15 @@ impl Checker<'_> {
         let source = self.slot(id).statement.span.source;
         if let Some(ty) = self.origin.given.get(&source).cloned() {
             // Its text says where the value came from, and may have lost its meaning since.
+            let trial = self.trial;
             let slot = self.slot_mut(id);
-            (slot.hir.kind, slot.hir.ty, slot.hir.body, slot.state) = (DeclKind::Let, ty, None, State::Done);
+            (slot.hir.kind, slot.hir.ty, slot.hir.body) = (DeclKind::Let, ty, None);
+            (slot.state, slot.trial) = (State::Done, trial);
             return;
         }
-        self.slot_mut(id).state = State::Busy;
+        let trial = self.trial;
+        let slot = self.slot_mut(id);
+        (slot.state, slot.trial) = (State::Busy, trial);
         self.stack.push(id);
         let locals = std::mem::take(&mut self.locals);
         let module = self.enter_module_of(id);
@@ -295,11 +301,17 @@ impl Checker<'_> {
         }
     }
 
-    /// The parts of the scene in source order, whatever the order in which declarations were checked. Parts must not depend on the scene.
-    pub fn check_default_scene(&mut self) {
-        let slots = &self.slots;
-        self.default_scene.sort_by_key(|id| id.0);
-        self.default_scene.retain(|id| slots[id.0 as usize].state == State::Done);
+    /// The parts of the scene in source order, whatever the order in which declarations were checked. The first ones were `known`, in order,
+    /// before a line.
+    pub fn check_default_scene(&mut self, known: usize) {
+        let mut new = self.default_scene.split_off(known.min(self.default_scene.len()));
+        new.retain(|id| self.slot(*id).state == State::Done);
+        new.sort_unstable();
+        let follows = new.first().is_none_or(|first| self.default_scene.last() < Some(first));
+        self.default_scene.extend(new);
+        if !follows {
+            self.default_scene.sort_unstable();
+        }
     }
 
     fn function(&mut self, id: DeclId, f: &ast::Fn) {

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use super::counts::is_frozen;
-use super::flow::reaching_params;
+use super::flow::dependencies_of_all;
 use super::hir::*;
 use super::inputs;
 use super::types::Ty;
@@ -265,24 +265,20 @@ pub fn domains(program: &Program) -> BTreeMap<DeclId, Vec<Reached>> {
 
 /// What a run will note of the params that its optimisations move: inside of what it keeps them, as far as that is known before.
 pub fn kept_inside(program: &Program) -> Vec<Diagnostic> {
-    let reached = domains(program);
-    let mut seen = Vec::new();
-    for action in &program.actions {
-        let Action::Optimize(o) = action else { continue };
+    let optimized = || program.actions.iter().filter_map(Action::optimize);
+    let free: Vec<&Expr> = optimized().filter(|o| o.over.is_none()).map(|o| &o.loss).collect();
+    let is_param = |id: &DeclId| matches!(program.decl(*id).kind, DeclKind::Param(_));
+    let mut moved = dependencies_of_all(program, &free, false);
+    moved.retain(is_param);
+    for o in optimized() {
         let over = o.over.iter().chain(o.stages.iter().filter_map(|stage| stage.over.as_ref())).flatten();
-        let mut moved: Vec<DeclId> =
-            over.filter(|(target, _)| target.path.is_empty()).map(|(target, _)| target.decl).collect();
-        if o.over.is_none() {
-            moved.extend(reaching_params(program, &o.loss));
-        }
-        for id in moved {
-            if !seen.contains(&id) {
-                seen.push(id);
-            }
-        }
+        moved.extend(over.filter(|(target, _)| target.path.is_empty()).map(|(target, _)| target.decl));
     }
-    seen.sort();
-    seen.into_iter().flat_map(|id| notes_of(program, id, reached.get(&id).map_or(&[], Vec::as_slice))).collect()
+    if moved.is_empty() {
+        return Vec::new();
+    }
+    let reached = domains(program);
+    moved.into_iter().flat_map(|id| notes_of(program, id, reached.get(&id).map_or(&[], Vec::as_slice))).collect()
 }
 
 /// The notes on a param that moves.

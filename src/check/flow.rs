@@ -5,43 +5,52 @@ use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 
 use super::counts::is_frozen;
 use super::hir::*;
+use super::modules::Kept;
 use crate::diag::Diagnostic;
-use crate::source::Span;
-
-/// The params that reach an expression, in declaration order.
-pub fn reaching_params(program: &Program, expr: &Expr) -> Vec<DeclId> {
-    let mut flow = Flow::new(program);
-    let mut found = Dependencies::default();
-    flow.expr(expr, &mut found);
-    found.decls.into_iter().filter(|id| is_param(program, *id)).collect()
-}
+use crate::source::{SharedSet, Span};
 
 fn is_param(program: &Program, id: DeclId) -> bool {
-    matches!(program.decl(id).kind, DeclKind::Param(_))
+    id != THE_SCENE && matches!(program.decl(id).kind, DeclKind::Param(_))
 }
 
-/// Warnings about a program without errors. Also reports the one kind of cycle that is found only here: a part of the scene that renders
-/// the scene.
-pub fn check(program: &Program, quiet: bool) -> Vec<Diagnostic> {
-    let mut out = scene_cycles(program);
-    out.extend(program.params().filter_map(|id| varying_prior(program, id)));
-    if !out.is_empty() {
-        return out;
-    }
-    let mut flow = Flow::new(program);
-    for action in &program.actions {
-        if let Action::Optimize(o) = action {
-            let mut found = Dependencies::default();
-            flow.expr(&o.loss, &mut found);
-            out.extend(unmoved(program, o, &found.decls));
+/// Errors of a program that are found only here: a part of the scene that renders the scene, priors that vary, an `optimize` that moves nothing.
+/// Of what was there before a line of the REPL, which is right, nothing is looked at again.
+pub fn errors(program: &Program, kept: Option<&Kept>) -> Vec<Diagnostic> {
+    let parts: Vec<DeclId> = match kept {
+        None => program.default_scene.clone(),
+        Some(kept) => {
+            let is_part = |id: &&DeclId| program.default_scene.binary_search(id).is_ok();
+            kept.touched.iter().filter(is_part).copied().collect()
         }
-    }
-    if quiet || !out.is_empty() {
+    };
+    let mut out = scene_cycles(program, &parts);
+    let params: Vec<DeclId> = match kept {
+        None => program.params().collect(),
+        Some(kept) => kept.touched.iter().copied().filter(|id| is_param(program, *id)).collect(),
+    };
+    let actions = program.actions.iter().skip(kept.map_or(0, |kept| kept.actions));
+    let optimized: Vec<&Optimize> = actions.filter_map(Action::optimize).collect();
+    if params.is_empty() && optimized.is_empty() {
         return out;
     }
+    // Fields of other declarations may move too.
+    let overs = optimized.iter().flat_map(|o| o.over.iter().chain(o.stages.iter().filter_map(|s| s.over.as_ref())));
+    let moved = overs.flatten().map(|(target, _)| target.decl);
+    let mut reaching = Reaching::new(program, program.params().chain(moved));
+    out.extend(params.into_iter().filter_map(|id| varying_prior(program, id, &mut reaching)));
+    if out.is_empty() {
+        out.extend(optimized.into_iter().flat_map(|o| unmoved(program, o, &reaching.of(&o.loss))));
+    }
+    out
+}
+
+/// Warnings about a program without errors, and errors of its sweep.
+pub fn check(program: &Program) -> Vec<Diagnostic> {
+    let mut out = Vec::new();
     out.extend(super::sweep::check_dependencies(program));
-    out.extend(without_step(program, &mut flow));
-    out.extend(left_behind(program, &mut flow));
+    out.extend(without_step(program));
+    out.extend(left_behind(program));
+    let mut flow = Flow::new(program);
     let mut reached = Dependencies::default();
     let mut has_loss = false;
     for id in program.losses() {
@@ -59,11 +68,9 @@ pub fn check(program: &Program, quiet: bool) -> Vec<Diagnostic> {
         }
         flow.decl(id, &mut reached);
     }
-    for action in &program.actions {
-        if let Action::Optimize(o) = action {
-            has_loss = true;
-            flow.expr(&o.loss, &mut reached);
-        }
+    for o in program.actions.iter().filter_map(Action::optimize) {
+        has_loss = true;
+        flow.expr(&o.loss, &mut reached);
     }
     let reached = reached.decls;
     if has_loss {
@@ -77,13 +84,6 @@ pub fn check(program: &Program, quiet: bool) -> Vec<Diagnostic> {
         }
     }
     out
-}
-
-/// All declarations on which an expression depends.
-pub fn dependencies(program: &Program, e: &Expr) -> BTreeSet<DeclId> {
-    let mut found = Dependencies::default();
-    Flow::new(program).expr(e, &mut found);
-    found.decls
 }
 
 /// The declarations on which expressions depend, all or, `by_slope`, by more than steps, so that derivatives by them need not be 0. What
@@ -132,10 +132,10 @@ pub fn used_by_actions(program: &Program) -> BTreeSet<DeclId> {
 }
 
 /// An error if the prior of a param depends on params: its density is known up to a constant only.
-fn varying_prior(program: &Program, id: DeclId) -> Option<Diagnostic> {
+fn varying_prior(program: &Program, id: DeclId, reaching: &mut Reaching) -> Option<Diagnostic> {
     let DeclKind::Param(param) = &program.decl(id).kind else { return None };
     let prior = param.prior.as_ref()?;
-    let other = program.decl(*reaching_params(program, prior).first()?);
+    let other = program.decl(params_in(program, &reaching.of(prior)).next()?);
     let name = &program.decl(id).name;
     let message = format!("the prior of `{name}` depends on the param `{}`", other.name);
     let told = Diagnostic::error("dscene::flow::prior", message).label(prior.span, "would change from step to step");
@@ -143,35 +143,37 @@ fn varying_prior(program: &Program, id: DeclId) -> Option<Diagnostic> {
     Some(told.label(other.name_span, "declared here").help(help))
 }
 
-/// Checks that an `optimize` has params to move, and that its loss depends on them.
-fn unmoved(program: &Program, o: &Optimize, reached: &BTreeSet<DeclId>) -> Vec<Diagnostic> {
+/// The params among some declarations.
+fn params_in<'s>(program: &'s Program, found: &'s SharedSet) -> impl Iterator<Item = DeclId> + 's {
+    found.iter().map(DeclId).filter(|id| is_param(program, *id))
+}
+
+/// Checks that an `optimize` has params to move, and that its loss depends on them: `reached` are those that reach it.
+fn unmoved(program: &Program, o: &Optimize, reached: &SharedSet) -> Vec<Diagnostic> {
     let stages = || o.stages.iter();
     // Where `over` is missing, every param moves that is not frozen.
     let chosen = o.over.is_some() || stages().count() > 0 && stages().all(|stage| stage.over.is_some());
     let named = o.over.iter().chain(stages().filter_map(|stage| stage.over.as_ref())).flatten();
     let mut out: Vec<Diagnostic> =
         if chosen { Vec::new() } else { all_frozen(program, o, reached).into_iter().collect() };
-    let lost = named.filter(|(target, _)| !reached.contains(&target.decl));
+    let lost = named.filter(|(target, _)| !reached.contains(target.decl.0));
     out.extend(lost.map(|(target, span)| unreached(program, o, reached, target, *span)));
     out
 }
 
 /// An error if a loss depends on no param, or none of them may move.
-fn all_frozen(program: &Program, o: &Optimize, reached: &BTreeSet<DeclId>) -> Option<Diagnostic> {
-    let frozen = |id: &DeclId| match &program.decl(*id).kind {
-        DeclKind::Param(p) => Some(is_frozen(p)),
-        _ => None,
-    };
-    let params: Vec<(DeclId, bool)> = reached.iter().filter_map(|id| Some((*id, frozen(id)?))).collect();
-    if params.is_empty() {
+fn all_frozen(program: &Program, o: &Optimize, reached: &SharedSet) -> Option<Diagnostic> {
+    let frozen = |id: DeclId| matches!(&program.decl(id).kind, DeclKind::Param(p) if is_frozen(p));
+    let params = || params_in(program, reached);
+    if params().next().is_none() {
         let told =
             Diagnostic::error("dscene::flow::constant_loss", "nothing is left to optimise: no param reaches this loss");
         return Some(told.label(o.loss.span, "does not depend on any param").help(without_params(program)));
     }
-    if params.iter().any(|(_, frozen)| !frozen) {
+    if params().any(|id| !frozen(id)) {
         return None;
     }
-    let names: Vec<String> = params.iter().map(|(id, _)| program.decl(*id).name.clone()).collect();
+    let names: Vec<&str> = params().map(|id| program.decl(id).name.as_str()).collect();
     let diagnostic = Diagnostic::error("dscene::flow::frozen", "nothing is left to optimise: every param is frozen")
         .label(o.loss.span, format!("depends on {} only", names.join(", ")))
         .help(format!("leave out `frozen: true`, or say what moves: `over: [{}]`", names.join(", ")));
@@ -188,10 +190,9 @@ fn without_params(program: &Program) -> &'static str {
 }
 
 /// What the user moves does not reach the loss.
-fn unreached(program: &Program, o: &Optimize, reached: &BTreeSet<DeclId>, target: &Target, span: Span) -> Diagnostic {
+fn unreached(program: &Program, o: &Optimize, reached: &SharedSet, target: &Target, span: Span) -> Diagnostic {
     let name = &program.decl(target.decl).name;
-    let others: Vec<String> =
-        reached.iter().filter(|id| is_param(program, **id)).map(|id| program.decl(*id).name.clone()).collect();
+    let others: Vec<&str> = params_in(program, reached).map(|id| program.decl(id).name.as_str()).collect();
     let help = match others.as_slice() {
         [] => "use it in what the loss compares".to_owned(),
         all => {
@@ -205,18 +206,15 @@ fn unreached(program: &Program, o: &Optimize, reached: &BTreeSet<DeclId>, target
 }
 
 /// Actions before any `optimize`, and tests, that depend on `step` or `progress`, which have no value yet.
-fn without_step(program: &Program, flow: &mut Flow) -> Vec<Diagnostic> {
-    let mut scheduled: HashMap<DeclId, bool> = HashMap::new();
+fn without_step(program: &Program) -> Vec<Diagnostic> {
+    let mut scheduled = Reaching::new(program, program.ids().filter(|id| names_step(program, *id)));
     let mut out = Vec::new();
     // After an `optimize`, `step` and `progress` keep their last values.
     let before = program.actions.iter().take_while(|action| !matches!(action, Action::Optimize(_)));
     let tested = program.tests.iter().flat_map(|test| &test.steps).flat_map(TestStep::parts);
     for part in before.flat_map(Action::parts).chain(tested) {
-        let mut found = Dependencies::default();
-        flow.expr(part, &mut found);
-        let own = |id: &DeclId| *scheduled.entry(*id).or_insert_with(|| names_step(program, *id));
-        let Some(id) = found.decls.into_iter().rev().find(own) else { continue };
-        let decl = program.decl(id);
+        let Some(id) = scheduled.of(part).iter().next_back() else { continue };
+        let decl = program.decl(DeclId(id));
         let mut told = Diagnostic::error(
             "dscene::name::step",
             format!("`{}` follows the steps of an `optimize`, and none has run yet", decl.name),
@@ -235,15 +233,28 @@ fn without_step(program: &Program, flow: &mut Flow) -> Vec<Diagnostic> {
 }
 
 /// Params that began as something that a stage declares anew, and that stay what they are.
-fn left_behind(program: &Program, flow: &mut Flow) -> Vec<Diagnostic> {
+fn left_behind(program: &Program) -> Vec<Diagnostic> {
+    let renewals: Vec<DeclId> = program.thens().flat_map(|then| &then.renewals).map(|renewal| renewal.decl).collect();
+    if renewals.is_empty() {
+        return Vec::new();
+    }
+    let mut reaching = Reaching::new(program, renewals);
+    // By what is declared anew: the params that began from it.
+    let mut begun: HashMap<DeclId, Vec<DeclId>> = HashMap::new();
+    for param in program.params() {
+        let origins = program.decl(param).body.as_ref().map(|body| reaching.of(body)).unwrap_or_default();
+        origins.iter().for_each(|origin| begun.entry(DeclId(origin)).or_default().push(param));
+    }
     let mut out = Vec::new();
     for then in program.thens() {
-        let renewed = |id: &DeclId| then.renewals.iter().any(|renewal| renewal.decl == *id);
-        for param in program.params().filter(|id| !renewed(id)) {
-            let mut found = Dependencies::default();
-            program.decl(param).body.iter().for_each(|body| flow.expr(body, &mut found));
-            let Some(origin) = found.decls.iter().find(|id| renewed(id)) else { continue };
-            let (param, origin) = (program.decl(param), &program.decl(*origin).name);
+        let renewed: BTreeSet<DeclId> = then.renewals.iter().map(|renewal| renewal.decl).collect();
+        let mut left: BTreeMap<DeclId, DeclId> = BTreeMap::new();
+        for origin in &renewed {
+            let params = begun.get(origin).into_iter().flatten().filter(|param| !renewed.contains(param));
+            params.for_each(|param| _ = left.entry(*param).or_insert(*origin));
+        }
+        for (param, origin) in left {
+            let (param, origin) = (program.decl(param), &program.decl(origin).name);
             let name = &param.name;
             out.push(
                 Diagnostic::warning(
@@ -354,14 +365,15 @@ fn unused_param(
 }
 
 /// A shape or light whose value needs the scene that holds it, or a render of it.
-fn scene_cycles(program: &Program) -> Vec<Diagnostic> {
+fn scene_cycles(program: &Program, parts: &[DeclId]) -> Vec<Diagnostic> {
     let mut out = Vec::new();
     // Parts share declarations, so those that were found to render nothing are not searched again.
     let mut quiet = Dependencies::default();
-    for &part in &program.default_scene {
+    let mut flow = Flow::new(program);
+    for &part in parts {
         let decl = program.decl(part);
         let Some(body) = &decl.body else { continue };
-        let mut flow = Flow::new(program);
+        flow.renders_scene = false;
         flow.expr(body, &mut quiet);
         if !flow.renders_scene {
             continue;
@@ -392,6 +404,9 @@ type Context = usize;
 /// A declaration in a world where others are replaced.
 type Place = (DeclId, Context);
 
+/// Stands among the places for the scene of the file, so that whatever renders it does not list all its parts.
+const THE_SCENE: DeclId = DeclId(u32::MAX);
+
 /// What a walk through the dependencies finds.
 #[derive(Default)]
 struct Dependencies {
@@ -402,8 +417,8 @@ struct Dependencies {
 /// The dependencies of an expression, with `with` taken into account. The walk uses an explicit stack and visits each place once.
 struct Flow<'p> {
     program: &'p Program,
-    contexts: Vec<BTreeSet<DeclId>>,
-    numbers: HashMap<BTreeSet<DeclId>, Context>,
+    contexts: Vec<SharedSet>,
+    numbers: HashMap<SharedSet, Context>,
     /// Whether a place depends on a param, as far as that is known.
     moves: HashMap<Place, bool>,
     renders_scene: bool,
@@ -431,7 +446,7 @@ fn beside_steps<'e>(program: &Program, e: &'e Expr) -> Option<Vec<&'e Expr>> {
 
 impl<'p> Flow<'p> {
     fn new(program: &'p Program) -> Flow<'p> {
-        let nothing = BTreeSet::new();
+        let nothing = SharedSet::default();
         Flow {
             program,
             numbers: HashMap::from([(nothing.clone(), 0)]),
@@ -458,7 +473,7 @@ impl<'p> Flow<'p> {
     fn follow(&mut self, waiting: &mut Vec<Place>, found: &mut Dependencies) {
         while let Some(place) = waiting.pop() {
             if found.places.insert(place) {
-                found.decls.insert(place.0);
+                found.decls.extend(Some(place.0).filter(|id| *id != THE_SCENE));
                 self.direct(place, waiting);
             }
         }
@@ -494,6 +509,12 @@ impl<'p> Flow<'p> {
 
     /// The places that a declaration directly depends on.
     fn direct(&mut self, (id, context): Place, out: &mut Vec<Place>) {
+        if id == THE_SCENE {
+            let parts = self.program.default_scene.iter().chain(&self.program.integrator);
+            let replaced = &self.contexts[context];
+            out.extend(parts.filter(|part| !replaced.contains(part.0)).map(|part| (*part, context)));
+            return;
+        }
         let decl = self.program.decl(id);
         if let Some(body) = &decl.body {
             self.mentioned(body, context, out);
@@ -506,7 +527,7 @@ impl<'p> Flow<'p> {
 
     fn mentioned(&mut self, root: &Expr, context: Context, out: &mut Vec<Place>) {
         let add = |flow: &Flow, id: DeclId, context: Context, out: &mut Vec<Place>| {
-            if !flow.contexts[context].contains(&id) {
+            if !flow.contexts[context].contains(id.0) {
                 out.push((id, context));
             }
         };
@@ -534,9 +555,7 @@ impl<'p> Flow<'p> {
                         Callee::Native(id) => {
                             if renders_file(self.program.decl(*id), call) {
                                 self.renders_scene = true;
-                                for part in self.program.default_scene.iter().chain(&self.program.integrator) {
-                                    add(self, *part, context, out);
-                                }
+                                out.push((THE_SCENE, context));
                             }
                         }
                     }
@@ -550,13 +569,70 @@ impl<'p> Flow<'p> {
     /// The context in which further declarations are replaced.
     fn within(&mut self, context: Context, replaced: impl Iterator<Item = DeclId>) -> Context {
         let mut inner = self.contexts[context].clone();
-        inner.extend(replaced);
+        replaced.for_each(|id| inner.insert(id.0));
         let next = self.contexts.len();
         let number = *self.numbers.entry(inner.clone()).or_insert(next);
         if number == next {
             self.contexts.push(inner);
         }
         number
+    }
+}
+
+/// Which of some declarations expressions depend on. What many expressions share is followed once for all of them.
+pub struct Reaching<'p> {
+    flow: Flow<'p>,
+    among: SharedSet,
+    known: HashMap<Place, SharedSet>,
+}
+
+impl<'p> Reaching<'p> {
+    /// Of all declarations, it looks for these.
+    pub fn new(program: &'p Program, among: impl IntoIterator<Item = DeclId>) -> Reaching<'p> {
+        let among = among.into_iter().map(|id| id.0).collect();
+        Reaching { flow: Flow::new(program), among, known: HashMap::new() }
+    }
+
+    /// Looks for all params.
+    pub fn params(program: &'p Program) -> Reaching<'p> {
+        Reaching::new(program, program.params())
+    }
+
+    /// The same, by slopes only.
+    pub fn by_slope(self) -> Reaching<'p> {
+        Reaching { flow: Flow { by_slope: true, ..self.flow }, ..self }
+    }
+
+    /// The numbers of the declarations on which an expression depends.
+    pub fn of(&mut self, e: &Expr) -> SharedSet {
+        let mut mentioned = Vec::new();
+        self.flow.mentioned(e, 0, &mut mentioned);
+        let mut waiting: Vec<(Place, Option<Vec<Place>>)> = mentioned.iter().map(|place| (*place, None)).collect();
+        while let Some((place, below)) = waiting.pop() {
+            match below {
+                // All that it mentions is known by now.
+                Some(below) => {
+                    let own = self.among.contains(place.0.0).then_some(place.0.0).into_iter().collect();
+                    let all = self.united(&below, own);
+                    self.known.insert(place, all);
+                }
+                None if self.known.contains_key(&place) => {}
+                None => {
+                    // What depends on itself adds nothing to itself.
+                    self.known.insert(place, SharedSet::default());
+                    let mut below = Vec::new();
+                    self.flow.direct(place, &mut below);
+                    let next: Vec<_> = below.iter().map(|place| (*place, None)).collect();
+                    waiting.push((place, Some(below)));
+                    waiting.extend(next);
+                }
+            }
+        }
+        self.united(&mentioned, SharedSet::default())
+    }
+
+    fn united(&self, places: &[Place], first: SharedSet) -> SharedSet {
+        places.iter().filter_map(|place| self.known.get(place)).fold(first, |all, set| set.union(&all))
     }
 }
 
@@ -628,7 +704,7 @@ pub fn below(e: &Expr) -> Vec<&Expr> {
             std::iter::once(&**body).chain(replacements.iter().map(|r| &r.value)).collect()
         }
         ExprKind::Range { start, end, .. } => vec![start, end],
-        ExprKind::Let { value, body, .. } => vec![value, body],
+        ExprKind::Let { lets, body } => lets.iter().map(|(_, value)| value).chain([&**body]).collect(),
         ExprKind::Derivative(d) => std::iter::once(&d.of).chain(&d.argument).collect(),
         ExprKind::Broadcast { value, .. } => vec![value],
     }

@@ -357,12 +357,10 @@ pub enum ExprKind {
     Local(LocalId),
     /// A declaration's value; a function's name gives a function value.
     Decl(DeclId),
-    /// `let a = value` in a function's block.
+    /// A function's block: `let a = value`, as often as it has them, and what it gives.
     Let {
-        /// What the body calls the value.
-        local: LocalId,
-        /// Evaluated once, before the body.
-        value: Box<Expr>,
+        /// What those behind it, and the body, call a value, which is evaluated once. All in one list, however many: the tree gets no deeper.
+        lets: Vec<(LocalId, Expr)>,
         /// The value of the whole.
         body: Box<Expr>,
     },
@@ -610,6 +608,13 @@ pub enum Action {
 }
 
 impl Action {
+    pub(crate) fn optimize(&self) -> Option<&Optimize> {
+        match self {
+            Action::Optimize(o) => Some(o),
+            _ => None,
+        }
+    }
+
     pub(crate) fn span(&self) -> Span {
         match self {
             Action::Optimize(o) => o.span,
@@ -740,7 +745,7 @@ pub struct Optimize {
     pub loss: Expr,
     /// The loss as the user wrote it.
     pub name: String,
-    /// `None`: every param that reaches the loss and is not frozen (`check::flow::reaching_params`).
+    /// `None`: every param that reaches the loss and is not frozen (`check::flow::Reaching`).
     pub over: Option<Vec<(Target, Span)>>,
     /// Of type optimizer; evaluated at each step (rates may depend on `step` and `progress`).
     pub using: Option<Expr>,

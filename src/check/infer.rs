@@ -27,6 +27,10 @@ pub(super) const MAX_CONST: usize = 1024;
 /// Nested tuples with more parts than this in all are not evaluated as constants either.
 pub(super) const MAX_PARTS: usize = 4096;
 
+/// Of lists, records and functions that are nested more deeply neither the type nor the value is followed: each of a chain of declarations would
+/// hold those of all before it.
+const MOST_NESTED: usize = 32;
+
 /// Texts that are made of others are not evaluated as constants beyond so many bytes: more than the path of a file has.
 const LONGEST_TEXT: usize = 4096;
 
@@ -44,7 +48,11 @@ impl Checker<'_> {
         if !self.spend(1) {
             return broken(e.span);
         }
-        let typed = self.infer(e, wanted);
+        let mut typed = self.infer(e, wanted);
+        if typed.expr.ty.is_deeper_than(MOST_NESTED) {
+            typed.expr.ty = Ty::Any;
+        }
+        typed.value = typed.value.filter(|value| !value.is_deeper_than(MOST_NESTED));
         if let Some(types) = &mut self.types
             && self.modules[self.module].user
         {
@@ -389,12 +397,13 @@ impl Checker<'_> {
                 self.report_same_parameters(param, first.span);
             }
         }
+        let seen = self.locals_in(body.span);
         let known = Function::Lambda {
             params: params.to_vec(),
             body: body.clone(),
             module: self.module,
-            locals: self.locals.clone(),
-            number: self.lambda_number(body.span),
+            number: self.lambda_number(body.span, &seen),
+            locals: seen,
         };
         let locals = params.iter().enumerate().map(|(i, p)| self.new_local(&p.text, ty(i), None)).collect();
         let body = self.expr(body, None).expr;
@@ -437,13 +446,11 @@ impl Checker<'_> {
         }
         let body = self.expr(body, wanted);
         self.locals.truncate(depth);
-        let value = body.value;
-        let mut expr = body.expr;
-        for (local, value) in bound.into_iter().rev() {
-            let ty = expr.ty.clone();
-            expr = hir::Expr { kind: ExprKind::Let { local, value: Box::new(value), body: Box::new(expr) }, span, ty };
+        if bound.is_empty() {
+            return body;
         }
-        Typed { expr, value }
+        let ty = body.expr.ty.clone();
+        Typed { value: body.value, ..typed(ExprKind::Let { lets: bound, body: Box::new(body.expr) }, span, ty) }
     }
 
     fn with(&mut self, body: &ast::Expr, replacements: &[ast::Replacement], span: Span, wanted: Option<&Sig>) -> Typed {

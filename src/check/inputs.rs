@@ -5,9 +5,10 @@ use std::collections::{BTreeMap, HashMap};
 use std::rc::Rc;
 
 use super::domains::{Line, Part, Reached, Taken, domain_of_field};
-use super::flow::{children, reaching_params, walk};
+use super::flow::{Reaching, children, walk};
 use super::hir::*;
 use super::types::Ty;
+use crate::source::SharedSet;
 
 /// Most calls and expressions that are looked at: functions that call functions could otherwise take exponential time.
 const MOST: usize = 200_000;
@@ -32,15 +33,12 @@ pub fn of_params(program: &Program) -> BTreeMap<DeclId, Vec<Reached>> {
         calls: HashMap::new(),
         active: Vec::new(),
         in_loss: true,
-        guarded: Vec::new(),
+        guarded: SharedSet::default(),
+        reaching: Reaching::params(program),
         left: MOST,
         depth: 0,
     };
-    for action in &program.actions {
-        if let Action::Optimize(o) = action {
-            run.expr(&o.loss);
-        }
-    }
+    program.actions.iter().filter_map(Action::optimize).for_each(|o| _ = run.expr(&o.loss));
     program.losses().for_each(|id| _ = run.decl(id));
     run.in_loss = false;
     for id in program.ids().filter(|id| program.decl(*id).user) {
@@ -98,6 +96,18 @@ impl<'p> Known<'p> {
             Known::AnyOf(all) => all.iter().any(Known::matters),
             Known::Items(all) => all.iter().any(Known::matters),
             Known::Record(fields) => fields.iter().any(|(_, value)| value.matters()),
+        }
+    }
+
+    /// Whether both are certainly the same.
+    fn is_same(&self, other: &Known<'p>) -> bool {
+        match (self, other) {
+            (Known::Param(id, part, line), Known::Param(other, p, l)) => (id, part, line) == (other, p, l),
+            (Known::Function(id), Known::Function(other)) => id == other,
+            (Known::Each(a), Known::Each(b)) | (Known::List(a), Known::List(b)) => Rc::ptr_eq(a, b),
+            (Known::Items(a), Known::Items(b)) => Rc::ptr_eq(a, b),
+            (Known::Record(a), Known::Record(b)) => Rc::ptr_eq(a, b),
+            _ => false,
         }
     }
 
@@ -203,7 +213,7 @@ impl<'p> Known<'p> {
 struct World<'p> {
     replaced: HashMap<DeclId, Known<'p>>,
     /// With the params of the conditions under which they were looked at.
-    known: HashMap<DeclId, (Known<'p>, Vec<DeclId>)>,
+    known: HashMap<DeclId, (Known<'p>, SharedSet)>,
 }
 
 struct Run<'p> {
@@ -212,16 +222,17 @@ struct Run<'p> {
     world: World<'p>,
     locals: HashMap<LocalId, Known<'p>>,
     /// Functions without a name that were looked into where they are written, with the params of the conditions there.
-    lambdas: HashMap<*const Lambda, Vec<DeclId>>,
-    /// How often functions were entered without params among their arguments, under conditions of so many params.
-    calls: HashMap<(DeclId, usize), u32>,
+    lambdas: HashMap<*const Lambda, SharedSet>,
+    /// How often functions were entered without params among their arguments, under conditions of these params.
+    calls: HashMap<(DeclId, SharedSet), u32>,
     /// Functions that are being looked into.
     active: Vec<DeclId>,
     /// Whether what is looked at is part of a loss. What is printed or saved beside it is a scene too, but a root of a negative number in it ends
     /// nothing.
     in_loss: bool,
     /// Params of the conditions under which what is looked at is evaluated.
-    guarded: Vec<DeclId>,
+    guarded: SharedSet,
+    reaching: Reaching<'p>,
     left: usize,
     depth: usize,
 }
@@ -240,10 +251,10 @@ impl<'p> Run<'p> {
         let mut guarded = self.guarded.clone();
         if let Some((known, before)) = self.world.known.get(&id) {
             // What it is made of was no bound for the params of conditions. Where some of these are not asked for, it is one.
-            if is_within(before, &guarded) {
+            if before.is_within(&guarded) {
                 return known.clone();
             }
-            guarded.retain(|id| before.contains(id));
+            guarded = guarded.intersection(before);
         }
         let Some(value) = self.deeper(|run| run.expr(body)) else { return Known::Other };
         let known = match decl.kind {
@@ -279,15 +290,17 @@ impl<'p> Run<'p> {
             }
             ExprKind::If { condition, then, otherwise } => {
                 self.expr(condition);
-                let outer = self.guarded.len();
+                let outer = self.guarded.clone();
                 self.guard(condition);
-                let branches = vec![self.expr(then), self.expr(otherwise)];
-                self.guarded.truncate(outer);
-                Known::any_of(branches)
+                let branches = [self.expr(then), self.expr(otherwise)];
+                self.guarded = outer;
+                self.either(branches)
             }
-            ExprKind::Let { local, value, body } => {
-                let value = self.expr(value);
-                self.locals.insert(*local, value);
+            ExprKind::Let { lets, body } => {
+                for (local, value) in lets {
+                    let value = self.expr(value);
+                    self.locals.insert(*local, value);
+                }
                 self.expr(body)
             }
             ExprKind::Comprehension(c) => self.comprehension(c),
@@ -319,10 +332,28 @@ impl<'p> Run<'p> {
         }
     }
 
+    /// What one of two branches gives. What both give counts once, or each `if` over the one before would have twice as many as that.
+    fn either(&mut self, branches: [Known<'p>; 2]) -> Known<'p> {
+        let mut all: Vec<Known> = Vec::new();
+        for branch in branches {
+            let parts = match branch {
+                Known::AnyOf(parts) => parts,
+                one => vec![one],
+            };
+            let Some(left) = self.left.checked_sub(parts.len()) else { return Known::Other };
+            self.left = left;
+            let before = all.len();
+            let is_new = |part: &Known, all: &[Known]| !all.iter().any(|other| part.is_same(other));
+            let new: Vec<Known> = parts.into_iter().filter(|part| is_new(part, &all[..before])).collect();
+            all.extend(new);
+        }
+        Known::any_of(all)
+    }
+
     fn comprehension(&mut self, c: &'p Comprehension) -> Known<'p> {
-        let outer = self.guarded.len();
+        let outer = self.guarded.clone();
         let known = self.each_item(c);
-        self.guarded.truncate(outer);
+        self.guarded = outer;
         known
     }
 
@@ -390,8 +421,8 @@ impl<'p> Run<'p> {
         });
         let mut guarded = self.guarded.clone();
         let before = self.lambdas.get(&std::ptr::from_ref(lambda));
-        if !before.is_some_and(|before| is_within(before, &guarded)) {
-            guarded.retain(|id| before.is_none_or(|before| before.contains(id)));
+        if !before.is_some_and(|before| before.is_within(&guarded)) {
+            guarded = before.map_or(guarded.clone(), |before| guarded.intersection(before));
             self.lambdas.insert(lambda, guarded);
             lambda.params.iter().for_each(|param| _ = self.locals.insert(*param, Known::Other));
             self.deeper(|run| run.expr(&lambda.body));
@@ -401,13 +432,13 @@ impl<'p> Run<'p> {
 
     fn binary(&mut self, op: BinaryOp, left: &'p Expr, right: &'p Expr, ty: &Ty) -> Known<'p> {
         let a = self.expr(left);
-        let outer = self.guarded.len();
+        let outer = self.guarded.clone();
         if matches!(op, BinaryOp::And | BinaryOp::Or) {
             // The right side is evaluated only where the left one does not decide.
             self.guard(left);
         }
         let b = self.expr(right);
-        self.guarded.truncate(outer);
+        self.guarded = outer;
         if op == BinaryOp::Pow {
             self.note_root("^", &a, &b);
         }
@@ -461,7 +492,7 @@ impl<'p> Run<'p> {
             return Known::Other;
         }
         if !args.iter().flatten().any(Known::matters) {
-            let calls = self.calls.entry((id, self.guarded.len())).or_default();
+            let calls = self.calls.entry((id, self.guarded.clone())).or_default();
             *calls += 1;
             if *calls > MOST_CALLS {
                 return Known::Other;
@@ -553,7 +584,7 @@ impl<'p> Run<'p> {
 
     /// Notes the params of a condition. Whoever asks for `x > 0` before `sqrt(x)` goes on where it is not: that is no bound.
     fn guard(&mut self, condition: &'p Expr) {
-        self.guarded.extend(reaching_params(self.program, condition));
+        self.guarded = self.guarded.union(&self.reaching.of(condition));
         let mut seen = Vec::new();
         walk(condition, &mut |e| {
             if let ExprKind::Local(id) = &e.kind
@@ -562,7 +593,7 @@ impl<'p> Run<'p> {
                 known.params(&mut seen);
             }
         });
-        self.guarded.extend(seen.into_iter().map(|(id, ..)| id));
+        seen.into_iter().for_each(|(id, ..)| self.guarded.insert(id.0));
     }
 
     fn record(&mut self, known: &Known<'p>, input: &Reached) {
@@ -571,7 +602,7 @@ impl<'p> Run<'p> {
         }
         let mut params = Vec::new();
         known.params(&mut params);
-        params.retain(|(id, ..)| !self.guarded.contains(id));
+        params.retain(|(id, ..)| !self.guarded.contains(id.0));
         for (id, part, line) in params {
             let reached = input.through(part, line, self.program.decl(id).ty.is_angle());
             let found = self.found.entry(id).or_default();
@@ -608,11 +639,6 @@ fn zipped<'p>(lists: &[Known<'p>]) -> Known<'p> {
         Some(n) => Known::Items((0..n).map(|i| row(Taken::Item(i as i64))).collect()),
         None => Known::List(Rc::new(row(Taken::Any))),
     }
-}
-
-/// Whether all of these are among those.
-fn is_within(some: &[DeclId], all: &[DeclId]) -> bool {
-    some.iter().all(|id| all.contains(id))
 }
 
 /// How many items a value has along its first axis, if its type says so.

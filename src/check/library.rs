@@ -9,7 +9,7 @@ use super::modules::{Checker, PRELUDE, Slot};
 use super::signature::FunctionKey;
 use super::{Disk, with_room};
 use crate::diag::Diagnostic;
-use crate::source::{SourceId, SourceMap};
+use crate::source::{SharedMap, SourceId, SourceMap};
 use crate::syntax;
 use crate::syntax::ast::{self, StatementKind};
 
@@ -63,7 +63,7 @@ struct Known {
     sources: SourceMap,
     trees: HashMap<SourceId, Vec<Arc<ast::Statement>>>,
     knowledge: Knowledge,
-    specialised: HashMap<FunctionKey, u32>,
+    specialised: SharedMap<FunctionKey, u32>,
     /// By id.
     decls: Vec<Arc<hir::Decl>>,
     /// For whoever edits the library: there are none in one that was released.
@@ -115,7 +115,7 @@ impl Checker<'_> {
         let program = hir::Program::default();
         self.take_up_knowledge(&KNOWN.knowledge, &program);
         self.parsed.clone_from(&KNOWN.trees);
-        self.specialised.clone_from(&KNOWN.specialised);
+        self.specialised = KNOWN.specialised.clone();
         self.diagnostics.extend(KNOWN.diagnostics.iter().cloned());
     }
 }

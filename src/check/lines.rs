@@ -240,13 +240,14 @@ impl Checker<'_> {
             (slot.hir.kind, slot.hir.ty, slot.hir.body) = (DeclKind::Let, Ty::Error, None);
         }
         if !stale.is_empty() {
-            self.forget_user_instances();
+            self.instances = SharedMap::default();
             self.default_scene.retain(|id| !stale.contains(id));
             self.integrator = self.integrator.filter(|id| !stale.contains(id));
             self.actions.clear();
             self.tests.clear();
         }
-        let file_actions = self.action_statements.len();
+        let (file_actions, checked, parts) =
+            (self.action_statements.len(), self.actions.len(), self.default_scene.len());
         self.add_statements(self.main, statements, &[line]);
         let new = (before..self.slots.len()).map(|i| DeclId(i as u32));
         let mut touched: Vec<DeclId> = stale.iter().copied().chain(new).collect();
@@ -260,8 +261,9 @@ impl Checker<'_> {
         for statement in &actions {
             self.action_statement(statement);
         }
-        self.check_default_scene();
-        self.kept = Some(Kept { decls: program.decls.clone(), params: program.params.clone(), touched });
+        self.check_default_scene(parts);
+        self.kept =
+            Some(Kept { decls: program.decls.clone(), params: program.params.clone(), touched, actions: checked });
     }
 
     /// The declarations of a line's statements.

@@ -1,15 +1,16 @@
 //! Lints: what a script may mean, but hardly does; and `// allow(NAME)`, by which it says that it does.
 
-use std::collections::BTreeMap;
+use std::cell::LazyCell;
+use std::collections::{BTreeMap, HashMap, HashSet};
 
 use super::Loader;
 use super::counts::is_frozen;
-use super::flow::{below, dependencies, dependencies_of_all, reaching_params, walk};
+use super::flow::{Reaching, below, dependencies_of_all, walk};
 use super::hir::*;
 use super::types::Ty;
 use super::{loaded, targets};
 use crate::diag::{Diagnostic, did_you_mean};
-use crate::source::{SourceId, SourceMap, Span};
+use crate::source::{SharedSet, SourceId, SourceMap, Span};
 use crate::syntax;
 
 /// Codes of the warnings that a script may allow. A name for `allow` is the last word of a code.
@@ -56,19 +57,11 @@ const OF_RUNS: [&str; 4] = [FACING_AWAY, OPEN_BODY, INSIDE_OUT, MISSING_CAUSTIC]
 /// Warnings about a program without errors.
 pub fn check(program: &Program, loader: &dyn Loader) -> Vec<Diagnostic> {
     let roots = roots(program);
-    let mut out = Vec::new();
-    for root in &roots {
-        walk(root, &mut |e| {
-            if let ExprKind::Derivative(derivative) = &e.kind {
-                out.extend(zero_derivatives(program, derivative));
-            }
-        });
-    }
-    for action in &program.actions {
-        if let Action::Optimize(o) = action {
-            out.extend(idle_stages(o));
-            out.extend(ignored_blurs(program, o));
-        }
+    let mut out = zero_derivatives(program, &roots);
+    let mut comparing = Reaching::new(program, program.ids().filter(|id| program.compares(*id)));
+    for o in program.actions.iter().filter_map(Action::optimize) {
+        out.extend(idle_stages(o));
+        out.extend(ignored_blurs(o, &mut comparing));
     }
     out.extend(stepped_params(program));
     out.extend(ignored_rates(program));
@@ -102,22 +95,49 @@ pub fn roots(program: &Program) -> Vec<&Expr> {
 }
 
 /// Derivatives by what does not reach the expression.
-fn zero_derivatives(program: &Program, derivative: &Derivative) -> Vec<Diagnostic> {
-    // What a parameter of a function or a function value stands for is known only in a call.
+fn zero_derivatives(program: &Program, roots: &[&Expr]) -> Vec<Diagnostic> {
+    let mut out = Vec::new();
+    let mut derivatives: Vec<&Derivative> = Vec::new();
+    let mut waiting: Vec<&Expr> = roots.iter().rev().copied().collect();
+    while let Some(e) = waiting.pop() {
+        if let ExprKind::Derivative(derivative) = &e.kind {
+            derivatives.push(derivative);
+        }
+        waiting.extend(below(e));
+    }
+    let wrt = || derivatives.iter().flat_map(|derivative| &derivative.wrt).map(|(target, _)| target.decl);
+    let mut reaching = Reaching::new(program, wrt());
+    let mut sloping = Reaching::new(program, wrt()).by_slope();
+    for derivative in derivatives.into_iter().filter(|derivative| !derivative.wrt.is_empty() && is_known(derivative)) {
+        let reached = reaching.of(&derivative.of);
+        let by_slope = match derivative.kind {
+            DerivativeKind::FiniteDifference => reached.clone(),
+            _ => sloping.of(&derivative.of),
+        };
+        out.extend(zero_derivatives_of(program, derivative, &reached, &by_slope));
+    }
+    out
+}
+
+/// Whether it follows from the text on what an expression that is differentiated depends. What a parameter of a function or a function value
+/// stands for is known only in a call.
+fn is_known(derivative: &Derivative) -> bool {
     let mut is_known = derivative.kind != DerivativeKind::Estimate;
     walk(&derivative.of, &mut |e| {
         let calls_value = matches!(&e.kind, ExprKind::Call(call) if matches!(call.callee, Callee::Value(_)));
         is_known &= !calls_value && !matches!(e.kind, ExprKind::Local(_) | ExprKind::Lambda(_));
     });
-    if !is_known || derivative.wrt.is_empty() {
-        return Vec::new();
-    }
-    let reached = dependencies(program, &derivative.of);
-    let sloping = match derivative.kind {
-        DerivativeKind::FiniteDifference => reached.clone(),
-        _ => dependencies_of_all(program, &[&derivative.of], true),
-    };
-    let is_stepped = |decl: &DeclId| reached.contains(decl) && !sloping.contains(decl);
+    is_known
+}
+
+/// Those of one derivative, given what reaches it, and by slopes.
+fn zero_derivatives_of(
+    program: &Program,
+    derivative: &Derivative,
+    reached: &SharedSet,
+    sloping: &SharedSet,
+) -> Vec<Diagnostic> {
+    let is_stepped = |decl: &DeclId| reached.contains(decl.0) && !sloping.contains(decl.0);
     let stepped = derivative.wrt.iter().filter(|(target, _)| is_stepped(&target.decl));
     let by_steps = |(target, span): &(Target, Span)| {
         let name = &program.decl(target.decl).name;
@@ -129,7 +149,7 @@ fn zero_derivatives(program: &Program, derivative: &Derivative) -> Vec<Diagnosti
         .label(derivative.of.span, format!("changes with `{name}` in steps"))
         .help(NO_SLOPE)
     };
-    let lost = derivative.wrt.iter().filter(|(target, _)| !reached.contains(&target.decl));
+    let lost = derivative.wrt.iter().filter(|(target, _)| !reached.contains(target.decl.0));
     let told = |(target, span): &(Target, Span)| {
         let name = &program.decl(target.decl).name;
         Diagnostic::warning("dscene::lint::zero_derivative", format!("this derivative is 0: `{name}` is not in it"))
@@ -146,10 +166,7 @@ const NO_SLOPE: &str = "`round`, `floor`, `ceil`, `sign`, comparisons and indice
 /// Params that losses see by steps only.
 fn stepped_params(program: &Program) -> Vec<Diagnostic> {
     let bodies = program.losses().filter_map(|id| program.decl(id).body.as_deref());
-    let optimized = program.actions.iter().filter_map(|action| match action {
-        Action::Optimize(o) => Some(&o.loss),
-        _ => None,
-    });
+    let optimized = program.actions.iter().filter_map(Action::optimize).map(|o| &o.loss);
     let losses: Vec<&Expr> = bodies.chain(optimized).collect();
     let [reached, sloping] = [false, true].map(|by_slope| dependencies_of_all(program, &losses, by_slope));
     let moves = |id: &DeclId| matches!(&program.decl(*id).kind, DeclKind::Param(param) if !is_frozen(param));
@@ -184,10 +201,10 @@ fn idle_stages(o: &Optimize) -> Vec<Diagnostic> {
 }
 
 /// The `blur` of a loss that compares no pictures by a function of the library.
-fn ignored_blurs(program: &Program, o: &Optimize) -> Vec<Diagnostic> {
+fn ignored_blurs(o: &Optimize, comparing: &mut Reaching) -> Vec<Diagnostic> {
     let of_stages = o.stages.iter().flat_map(|stage| &stage.settings);
     let blurs: Vec<&Expr> = of_stages.chain(&o.settings).filter(|(name, _)| name == "blur").map(|(_, e)| e).collect();
-    if blurs.is_empty() || dependencies(program, &o.loss).into_iter().any(|id| program.compares(id)) {
+    if blurs.is_empty() || !comparing.of(&o.loss).is_empty() {
         return Vec::new();
     }
     let told = |blur: &Expr| {
@@ -201,10 +218,22 @@ fn ignored_blurs(program: &Program, o: &Optimize) -> Vec<Diagnostic> {
 
 /// The `lr` of params that only solvers of least squares move, whose steps have no rate. (0 is one: the param stands still.)
 fn ignored_rates(program: &Program) -> Vec<Diagnostic> {
-    // By param: the solvers that move it, if they are of least squares.
-    let mut movers: BTreeMap<DeclId, Vec<Option<(&str, Span)>>> = BTreeMap::new();
-    for action in &program.actions {
-        let Action::Optimize(o) = action else { continue };
+    let rate = |id: DeclId| match &program.decl(id).kind {
+        DeclKind::Param(param) => {
+            param.lr.as_ref().filter(|rate| !matches!(rate.kind, ExprKind::Number(x) if x == 0.0))
+        }
+        _ => None,
+    };
+    let rated: Vec<DeclId> = program.params().filter(|id| rate(*id).is_some()).collect();
+    if rated.is_empty() {
+        return Vec::new();
+    }
+    let mut reaching = Reaching::new(program, rated.iter().copied().filter(|id| may_move(program, *id)));
+    // Those that move otherwise, and the first solver of each other one.
+    let mut otherwise = SharedSet::default();
+    let mut solved = SharedSet::default();
+    let mut first: BTreeMap<DeclId, (&str, Span)> = BTreeMap::new();
+    for o in program.actions.iter().filter_map(Action::optimize) {
         let mut parts: Vec<_> = o.stages.iter().map(|stage| (stage.using.as_ref(), stage.over.as_ref())).collect();
         if parts.is_empty() {
             parts.push((None, None));
@@ -212,19 +241,24 @@ fn ignored_rates(program: &Program) -> Vec<Diagnostic> {
         for (using, over) in parts {
             let solver =
                 using.or(o.using.as_ref()).and_then(|using| Some((least_squares(program, using)?, using.span)));
-            let moved: Vec<DeclId> = match over.or(o.over.as_ref()) {
-                Some(over) => over.iter().filter(|(target, _)| target.path.is_empty()).map(|(t, _)| t.decl).collect(),
-                None => reaching_params(program, &o.loss).into_iter().filter(|id| may_move(program, *id)).collect(),
+            let moved = match over.or(o.over.as_ref()) {
+                Some(over) => over.iter().filter(|(target, _)| target.path.is_empty()).map(|(t, _)| t.decl.0).collect(),
+                None => reaching.of(&o.loss),
             };
-            moved.into_iter().for_each(|id| movers.entry(id).or_default().push(solver));
+            let Some(solver) = solver else {
+                otherwise = otherwise.union(&moved);
+                continue;
+            };
+            if !moved.is_within(&solved) {
+                let new = moved.iter().filter(|id| !solved.contains(*id));
+                new.for_each(|id| _ = first.insert(DeclId(id), solver));
+                solved = solved.union(&moved);
+            }
         }
     }
-    let told = |(id, solvers): (DeclId, Vec<Option<(&str, Span)>>)| {
-        let decl = program.decl(id);
-        let DeclKind::Param(param) = &decl.kind else { return None };
-        let rate = param.lr.as_ref().filter(|rate| !matches!(rate.kind, ExprKind::Number(x) if x == 0.0))?;
-        let [(solver, place), ..] = solvers.into_iter().collect::<Option<Vec<_>>>()?[..] else { return None };
-        let message = format!("`{solver}` has no rate: the `lr` of `{}` changes nothing", decl.name);
+    let told = |(id, (solver, place)): (DeclId, (&str, Span))| {
+        let rate = rate(id).filter(|_| !otherwise.contains(id.0))?;
+        let message = format!("`{solver}` has no rate: the `lr` of `{}` changes nothing", program.decl(id).name);
         Some(
             Diagnostic::warning("dscene::lint::ignored_rate", message)
                 .label(rate.span, "a factor of no rate")
@@ -232,7 +266,7 @@ fn ignored_rates(program: &Program) -> Vec<Diagnostic> {
                 .help("remove it, or let a solver move the param that has a rate"),
         )
     };
-    movers.into_iter().filter_map(told).collect()
+    first.into_iter().filter_map(told).collect()
 }
 
 /// The name of the solver that an expression is, if it is one of least squares.
@@ -252,13 +286,12 @@ fn least_squares<'p>(program: &'p Program, using: &Expr) -> Option<&'p str> {
 /// `boundary: false` where a param moves geometry: what its edges do to the picture is left out of its derivative.
 fn no_boundary(program: &Program, roots: &[&Expr]) -> Vec<Diagnostic> {
     let mut out: Vec<Diagnostic> = Vec::new();
+    let mut places: HashSet<Span> = HashSet::new();
+    let moved = LazyCell::new(|| moved_geometry(program, roots));
     for root in roots {
         walk(root, &mut |e| {
-            let Some(place) = without_boundary(program, e) else { return };
-            if out.iter().any(|told| told.span() == Some(place)) {
-                return;
-            }
-            let Some(param) = moved_geometry(program, roots) else { return };
+            let Some(place) = without_boundary(program, e).filter(|place| places.insert(*place)) else { return };
+            let Some(param) = *moved else { return };
             let decl = program.decl(param);
             out.push(
                 Diagnostic::warning(
@@ -287,13 +320,14 @@ pub fn without_boundary(program: &Program, e: &Expr) -> Option<Span> {
 /// A param that moves and that a mesh, a camera or a transform depends on.
 fn moved_geometry(program: &Program, roots: &[&Expr]) -> Option<DeclId> {
     let mut waiting = roots.to_vec();
+    let mut reaching = Reaching::new(program, program.params().filter(|id| may_move(program, *id)));
     while let Some(e) = waiting.pop() {
         if !matches!(e.ty, Ty::Mesh | Ty::Camera { .. } | Ty::Transform) {
             waiting.extend(below(e));
             continue;
         }
-        if let Some(found) = reaching_params(program, e).into_iter().find(|id| may_move(program, *id)) {
-            return Some(found);
+        if let Some(found) = reaching.of(e).iter().next() {
+            return Some(DeclId(found));
         }
     }
     None
@@ -328,11 +362,16 @@ pub fn without_allowed(found: Vec<Diagnostic>, sources: &SourceMap, main: Option
         return found;
     }
     let has_errors = found.iter().any(Diagnostic::is_error);
+    let mut by_line: HashMap<(SourceId, usize), Vec<usize>> = HashMap::new();
+    for (i, allow) in allows.iter().enumerate() {
+        by_line.entry((allow.span.source, allow.line)).or_default().push(i);
+    }
     let is_allowed = |told: &Diagnostic, allows: &mut Vec<Allow>| {
         let (false, Some(span)) = (told.is_error(), told.span()) else { return false };
         let line = sources.position(span).line;
         let mut allowed = false;
-        for allow in allows.iter_mut().filter(|a| a.span.source == span.source && a.line == line) {
+        for i in by_line.get(&(span.source, line)).into_iter().flatten() {
+            let allow = &mut allows[*i];
             if LINTS.contains(&told.code) && allow.name == name_of(told.code) {
                 (allow.is_used, allowed) = (true, true);
             }

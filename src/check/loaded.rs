@@ -121,10 +121,12 @@ impl Reader<'_> {
                 }
                 self.look(&c.element, &inner);
             }
-            ExprKind::Let { local, value, body } => {
-                self.look(value, names);
+            ExprKind::Let { lets, body } => {
                 let mut inner = names.clone();
-                inner.extend(self.part(value, names, DEPTH).map(|part| (*local, part)));
+                for (local, value) in lets {
+                    self.look(value, &inner);
+                    inner.extend(self.part(value, &inner, DEPTH).map(|part| (*local, part)));
+                }
                 self.look(body, &inner);
             }
             _ => {

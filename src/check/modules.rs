@@ -1,6 +1,6 @@
 //! Files as modules: imports, and who sees which names.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::{BTreeSet, HashMap, HashSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -65,6 +65,8 @@ pub struct Slot {
     /// `--set`: replaces the value.
     pub replaced: Option<Arc<ast::Expr>>,
     pub state: State,
+    /// The trial in which it was last checked.
+    pub trial: u32,
     pub hir: hir::Decl,
     pub value: Option<Const>,
     /// Functions: what the parameters accept, which have defaults, and the declared result.
@@ -109,6 +111,8 @@ pub struct Kept {
     pub params: Shared<DeclId>,
     /// Those that changed or are new, in their order.
     pub touched: Vec<DeclId>,
+    /// How many of the actions were checked before.
+    pub actions: usize,
 }
 
 pub struct Checker<'l> {
@@ -145,7 +149,10 @@ pub struct Checker<'l> {
     /// Number of nested function bodies that are being checked.
     pub nested: usize,
     /// By function: number of instances that were checked for calls within other calls.
-    pub specialised: HashMap<FunctionKey, u32>,
+    pub specialised: SharedMap<FunctionKey, u32>,
+    /// How many trials there were, and the number of the one that goes on: of the user's declarations it knows those that were checked in it.
+    pub trials: u32,
+    pub trial: u32,
     /// A number for each function value, by its text and the names that it sees.
     pub lambdas: SharedMap<String, u32>,
     pub actions: Vec<hir::Action>,
@@ -206,7 +213,9 @@ impl<'l> Checker<'l> {
             stand_ins: Vec::new(),
             left_to_try: MOST_TRIED,
             nested: 0,
-            specialised: HashMap::new(),
+            specialised: SharedMap::default(),
+            trials: 0,
+            trial: 0,
             lambdas: SharedMap::default(),
             actions: Vec::new(),
             tests: Vec::new(),
@@ -259,7 +268,7 @@ impl<'l> Checker<'l> {
             self.action_statement(&statement);
         }
         self.check_beside_sweep();
-        self.check_default_scene();
+        self.check_default_scene(0);
     }
 
     pub fn action_statement(&mut self, statement: &ast::Statement) {
@@ -280,15 +289,17 @@ impl<'l> Checker<'l> {
         let is_param = |decl: &Arc<hir::Decl>| matches!(decl.kind, DeclKind::Param(_));
         let all_params =
             |decls: &Shared<Arc<hir::Decl>>| decls.iter().filter(|decl| is_param(decl)).map(|decl| decl.id).collect();
-        let (decls, params) = match self.kept.take() {
+        let kept = self.kept.take();
+        let (decls, params) = match &kept {
             None => {
                 let decls = self.slots.iter().map(own).collect();
                 let params = all_params(&decls);
                 (decls, params)
             }
-            Some(Kept { mut decls, mut params, touched }) => {
+            Some(Kept { decls, params, touched, .. }) => {
+                let (mut decls, mut params) = (decls.clone(), params.clone());
                 let before = decls.len();
-                for &id in &touched {
+                for &id in touched {
                     let new = own(&self.slots[id.0 as usize]);
                     if (id.0 as usize) < decls.len() {
                         decls[id.0 as usize] = new;
@@ -321,10 +332,13 @@ impl<'l> Checker<'l> {
             known: Default::default(),
         };
         if self.diagnostics.errors() == 0 {
-            self.diagnostics.extend(super::flow::check(&program, self.quiet));
+            self.diagnostics.extend(super::flow::errors(&program, kept.as_ref()));
         }
         if self.quiet {
             return (program, self.diagnostics.into_all(), self.sources);
+        }
+        if self.diagnostics.errors() == 0 {
+            self.diagnostics.extend(super::flow::check(&program));
         }
         if self.diagnostics.errors() == 0 {
             self.diagnostics.extend(lints::check(&program, self.loader));
@@ -368,9 +382,18 @@ impl<'l> Checker<'l> {
         std::mem::take(&mut self.parsed)
     }
 
+    /// The locals that a function value may use: those of which its text has the names, however many others are around it.
+    pub fn locals_in(&self, body: Span) -> Vec<Local> {
+        let is_word = |c: char| c.is_ascii_alphanumeric() || c == '_';
+        let words = self.sources.text(body).split(|c| !is_word(c)).filter(|word| !word.is_empty());
+        let last = |word: &str| self.locals.iter().rposition(|local| local.name == word);
+        let used: BTreeSet<usize> = words.collect::<HashSet<&str>>().into_iter().filter_map(last).collect();
+        used.into_iter().map(|at| self.locals[at].clone()).collect()
+    }
+
     /// The number of a function value: of its text, and of what it sees.
-    pub fn lambda_number(&mut self, body: Span) -> u32 {
-        let seen: Vec<_> = self.locals.iter().map(|l| (&l.name, &l.ty, &l.value)).collect();
+    pub fn lambda_number(&mut self, body: Span, locals: &[Local]) -> u32 {
+        let seen: Vec<_> = locals.iter().map(|l| (&l.name, &l.ty, &l.value)).collect();
         let next = u32::try_from(self.lambdas.len()).unwrap_or(u32::MAX);
         let key = format!("{body:?} {seen:?}");
         if let Some(known) = self.lambdas.get(&key) {
@@ -496,6 +519,7 @@ impl<'l> Checker<'l> {
             statement,
             replaced: None,
             state: State::Waiting,
+            trial: self.trial,
             hir,
             value: None,
             signature: None,

@@ -66,8 +66,8 @@ impl Checker<'_> {
         let named = self.unnamed(&ty);
         let name = typed(ExprKind::Local(named), span, ty);
         let inner = self.coerce_parts(sig, Typed { value: whole.value, ..name });
-        let (ty, value) = (inner.expr.ty.clone(), Box::new(whole.expr));
-        let kind = ExprKind::Let { local: named, value, body: Box::new(inner.expr) };
+        let ty = inner.expr.ty.clone();
+        let kind = ExprKind::Let { lets: vec![(named, whole.expr)], body: Box::new(inner.expr) };
         Typed { value: inner.value, ..typed(kind, span, ty) }
     }
 

@@ -144,6 +144,16 @@ impl Const {
         }
     }
 
+    /// Whether it is made of lists and records within one another, more than so many levels deep.
+    pub fn is_deeper_than(&self, levels: usize) -> bool {
+        let deeper = |item: &Const| levels.checked_sub(1).is_none_or(|levels| item.is_deeper_than(levels));
+        match self {
+            Const::List(items) => items.iter().any(deeper),
+            Const::Record(fields) => fields.iter().any(|(_, value)| deeper(value)),
+            _ => false,
+        }
+    }
+
     /// One of these values, if all are functions.
     pub fn one_of(items: &[Const]) -> Option<Const> {
         let functions: Option<Vec<Arc<Function>>> = items

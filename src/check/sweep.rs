@@ -352,11 +352,12 @@ pub fn check_dependencies(program: &hir::Program) -> Vec<Diagnostic> {
     let Some(sweep) = &program.sweep else { return Vec::new() };
     let used = flow::used_by_actions(program);
     let mut out = Vec::new();
+    let mut reaching = flow::Reaching::new(program, sweep.axes.iter().filter_map(|axis| program.find(&axis.name)));
     for axis in &sweep.axes {
         let Values::Written(values) = &axis.values else { continue };
         let Some(id) = program.find(&axis.name) else { continue };
-        let of_itself = |value: &&hir::Expr| flow::dependencies(program, value).contains(&id);
-        out.extend(values.iter().find(of_itself).map(|value| {
+        let mut of_itself = |value: &&hir::Expr| reaching.of(value).contains(id.0);
+        out.extend(values.iter().find(&mut of_itself).map(|value| {
             let name = &axis.name;
             Diagnostic::error(
                 "dscene::sweep::cycle",

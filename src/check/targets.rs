@@ -7,7 +7,7 @@ use std::sync::{Mutex, PoisonError};
 use std::time::SystemTime;
 
 use super::counts::is_frozen;
-use super::flow::{below, reaching_params, walk};
+use super::flow::{Reaching, below, walk};
 use super::hir::*;
 use super::types::Ty;
 use crate::diag::Diagnostic;
@@ -18,7 +18,9 @@ use crate::source::Span;
 
 /// Warnings about the targets of all losses.
 pub fn check(program: &Program) -> Vec<Diagnostic> {
-    let mut finder = Finder { program, drawn: Drawn::default(), seen: HashSet::new(), told: Vec::new() };
+    let moving = |id: &DeclId| matches!(&program.decl(*id).kind, DeclKind::Param(p) if !is_frozen(p));
+    let moving = Reaching::new(program, program.params().filter(moving));
+    let mut finder = Finder { program, moving, drawn: Drawn::default(), seen: HashSet::new(), told: Vec::new() };
     let mut optimized = HashSet::new();
     for action in &program.actions {
         if let Action::Optimize(o) = action {
@@ -92,6 +94,8 @@ enum Picture {
 
 struct Finder<'p> {
     program: &'p Program,
+    /// The params that move.
+    moving: Reaching<'p>,
     drawn: Drawn,
     /// Declarations that were looked through, and calls.
     seen: HashSet<Span>,
@@ -117,10 +121,9 @@ impl<'p> Finder<'p> {
                 let names = with_items(program, &c.clauses, names);
                 self.look(&c.element, &names, depth);
             }
-            ExprKind::Let { local, value, body } => {
-                self.look(value, names, depth);
-                let bound = Bound { e: value, names: names.clone(), items: 0 };
-                self.look(body, &with_names(names, [(*local, bound)]), depth);
+            ExprKind::Let { lets, body } => {
+                let names = with_lets(lets, names);
+                lets.iter().map(|(_, value)| value).chain([&**body]).for_each(|e| self.look(e, &names, depth));
             }
             ExprKind::Binary { op: BinaryOp::Sub, left, right } => {
                 self.compare(left, right, names, false);
@@ -151,7 +154,7 @@ impl<'p> Finder<'p> {
 
     /// Two things that a loss compares; `is_weighted` if it does not take all pixels alike.
     fn compare(&mut self, a: &'p Expr, b: &'p Expr, names: &Rc<Names<'p>>, is_weighted: bool) {
-        let moves = [a, b].map(|e| moves(self.program, e, names, DEPTH));
+        let moves = [a, b].map(|e| moves(&mut self.moving, e, names, DEPTH));
         let (moving, still) = match moves {
             [true, false] => (a, b),
             [false, true] => (b, a),
@@ -211,10 +214,9 @@ impl<'p> Finder<'p> {
 }
 
 /// Whether a param that moves reaches an expression, or what its names stand for.
-fn moves(program: &Program, e: &Expr, names: &Names, depth: usize) -> bool {
+fn moves(moving: &mut Reaching, e: &Expr, names: &Names, depth: usize) -> bool {
     let Some(depth) = depth.checked_sub(1) else { return true };
-    let moving = |id: DeclId| matches!(&program.decl(id).kind, DeclKind::Param(p) if !is_frozen(p));
-    if reaching_params(program, e).into_iter().any(moving) {
+    if !moving.of(e).is_empty() {
         return true;
     }
     let mut found = false;
@@ -222,7 +224,7 @@ fn moves(program: &Program, e: &Expr, names: &Names, depth: usize) -> bool {
         if let ExprKind::Local(local) = e.kind
             && let Some(bound) = names.get(&local)
         {
-            found = found || moves(program, bound.e, &bound.names, depth);
+            found = found || moves(moving, bound.e, &bound.names, depth);
         }
     });
     found
@@ -268,10 +270,7 @@ fn picture<'p>(
         ExprKind::Comprehension(c) if items > 0 => {
             picture(program, &c.element, &with_items(program, &c.clauses, names), items - 1, depth)
         }
-        ExprKind::Let { local, value, body } => {
-            let bound = Bound { e: value, names: names.clone(), items: 0 };
-            picture(program, body, &with_names(names, [(*local, bound)]), items, depth)
-        }
+        ExprKind::Let { lets, body } => picture(program, body, &with_lets(lets, names), items, depth),
         ExprKind::Unary { operand, .. } => same(operand),
         ExprKind::Broadcast { value, .. } => same(value),
         ExprKind::Field { base, .. } if matches!(base.ty, Ty::Image { .. }) => same(base),
@@ -377,6 +376,14 @@ fn with_names<'p>(names: &Rc<Names<'p>>, new: impl IntoIterator<Item = (LocalId,
     let mut inner = (**names).clone();
     inner.extend(new);
     Rc::new(inner)
+}
+
+/// The names of a block, each seen by those behind it. Of a long block the first ones only: what each of them sees is kept with it.
+fn with_lets<'p>(lets: &'p [(LocalId, Expr)], names: &Rc<Names<'p>>) -> Rc<Names<'p>> {
+    lets.iter().take(DEPTH).fold(names.clone(), |names, (local, e)| {
+        let bound = Bound { e, names: names.clone(), items: 0 };
+        with_names(&names, [(*local, bound)])
+    })
 }
 
 /// The names of a function's parameters in a call.

@@ -45,7 +45,8 @@ fn program(text: &str) -> hir::Program {
 
 /// The params that reach a declaration.
 fn reaching_params_of(program: &hir::Program, decl: hir::DeclId) -> Vec<hir::DeclId> {
-    program.decl(decl).body.as_ref().map_or_else(Vec::new, |body| flow::reaching_params(program, body))
+    let reaching = |body: &Arc<hir::Expr>| flow::Reaching::params(program).of(body).iter().map(hir::DeclId).collect();
+    program.decl(decl).body.as_ref().map_or_else(Vec::new, reaching)
 }
 
 fn ty(program: &hir::Program, name: &str) -> String {

@@ -66,8 +66,10 @@ impl Checker<'_> {
     pub fn retyped(&mut self, body: &ast::Expr, wanted: Option<&Sig>, changes: &[Change], span: Span) -> Ty {
         let (ty, inner) = self.trial(|checker| {
             for change in changes {
+                let trial = checker.trial;
                 let slot = checker.slot_mut(change.decl);
-                (slot.hir.ty, slot.value, slot.state) = (change.ty.clone(), change.value.clone(), State::Done);
+                (slot.hir.ty, slot.value) = (change.ty.clone(), change.value.clone());
+                (slot.state, slot.trial) = (State::Done, trial);
             }
             checker.expr(body, wanted).expr.ty
         });
@@ -83,38 +85,22 @@ impl Checker<'_> {
     }
 
     /// Infers something with all that it needs of the user's declarations, as if for the first time; afterwards all is as before. Gives what
-    /// was reported meanwhile too.
+    /// was reported meanwhile too. It costs what it infers: of what it does not need nothing is touched.
     pub fn trial<T>(&mut self, infer: impl FnOnce(&mut Self) -> T) -> (T, Vec<Diagnostic>) {
         // Each declaration is touched once.
         self.spend(self.slots.len());
         let (slots, specialised) = (self.slots.clone(), self.specialised.clone());
         let (scene, integrator) = (self.default_scene.clone(), self.integrator);
         let outer = std::mem::take(&mut self.diagnostics);
-        // What the library's schedules give is another number at each step.
-        let instances = match self.at_step {
-            Some(_) => std::mem::take(&mut self.instances),
-            None => self.instances.clone(),
-        };
-        self.forget_user_instances();
-        for (i, slot) in slots.iter().enumerate() {
-            if slot.state == State::Done && self.modules[slot.module].user {
-                self.slot_mut(hir::DeclId(i as u32)).state = State::Waiting;
-            }
-        }
+        // Results of functions are inferred again. Of the library too: what its schedules give is another number at each step.
+        let instances = std::mem::take(&mut self.instances);
+        self.trials += 1;
+        let before = std::mem::replace(&mut self.trial, self.trials);
         let found = infer(self);
+        self.trial = before;
         let inner = std::mem::replace(&mut self.diagnostics, outer);
         (self.slots, self.instances, self.specialised) = (slots, instances, specialised);
         (self.default_scene, self.integrator) = (scene, integrator);
         (found, inner.into_all())
-    }
-
-    /// Results of the user's functions are inferred again.
-    pub fn forget_user_instances(&mut self) {
-        let (slots, modules) = (&self.slots, &self.modules);
-        let is_user = |key: &str| {
-            let id = key.split(' ').next().and_then(|id| id.parse::<usize>().ok());
-            id.is_none_or(|id| slots.get(id).is_none_or(|s| modules[s.module].user))
-        };
-        self.instances.retain(|key| !is_user(key));
     }
 }

@@ -187,6 +187,19 @@ impl Ty {
         }
     }
 
+    /// Whether it is made of types within types, more than so many levels deep; the axes of numbers count as levels.
+    pub fn is_deeper_than(&self, levels: usize) -> bool {
+        let deeper = |ty: &Ty| levels.checked_sub(1).is_none_or(|levels| ty.is_deeper_than(levels));
+        match self {
+            Ty::Num(shape) => shape.len() > levels,
+            Ty::Array(item, _) | Ty::AngleImage(item) | Ty::Distribution(item) | Ty::Estimate(item) => deeper(item),
+            Ty::Tuple(items) => items.iter().any(deeper),
+            Ty::Record(fields) => fields.iter().any(|(_, ty)| deeper(ty)),
+            Ty::Fn(params, result) => deeper(result) || params.iter().any(deeper),
+            _ => false,
+        }
+    }
+
     /// The fields of a record.
     pub fn record(&self) -> Option<&[(String, Ty)]> {
         match self {

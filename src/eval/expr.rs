@@ -56,11 +56,14 @@ impl Engine {
                 None => Err(error::internal("a name without a value", e.span)),
             },
             ExprKind::Decl(id) => self.decl(*id),
-            ExprKind::Let { local, value, body } => {
-                let value = self.expr(value)?;
+            ExprKind::Let { lets, body } => {
                 let top = self.locals.len();
-                self.locals.push((*local, value));
-                let result = self.expr(body);
+                let bound = lets.iter().try_for_each(|(local, value)| {
+                    let value = self.expr(value)?;
+                    self.locals.push((*local, value));
+                    Ok(())
+                });
+                let result = bound.and_then(|()| self.expr(body));
                 self.locals.truncate(top);
                 result
             }

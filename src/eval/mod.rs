@@ -191,6 +191,8 @@ struct ParamState {
 pub struct Engine {
     program: Arc<hir::Program>,
     reach: Arc<Reach>,
+    /// Where params have to stay, and of which program that is.
+    domains: Option<(Arc<hir::Program>, Arc<redeclared::Domains>)>,
     options: EngineOptions,
     params: HashMap<DeclId, ParamState>,
     step: u64,
@@ -248,6 +250,7 @@ impl Engine {
         Engine {
             program: Arc::new(program),
             reach,
+            domains: None,
             options,
             params: HashMap::new(),
             step: 0,

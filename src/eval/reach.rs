@@ -14,8 +14,10 @@ pub(super) struct Reach {
     users: Vec<Vec<u32>>,
     /// By declaration: those that it mentions.
     uses: Vec<Vec<u32>>,
-    /// Natives that may render the default scene, or give it.
+    /// Natives that may render the default scene, or give it: they depend on all its parts.
     rendering: Vec<u32>,
+    /// The parts of the default scene and its integrator, in the order of their ids.
+    parts: Vec<u32>,
     renders: OnceLock<HashSet<u32>>,
     known: Mutex<HashMap<DeclId, Arc<HashSet<u32>>>>,
 }
@@ -44,13 +46,10 @@ impl Reach {
             }
             self.uses[id.0 as usize] = new;
         }
+        self.parts = program.default_scene.iter().chain(&program.integrator).map(|id| id.0).collect();
+        self.parts.sort_unstable();
         self.renders = OnceLock::new();
         self.known = Mutex::default();
-    }
-
-    /// Natives that may render the default scene, which they mention.
-    pub(super) fn rendering(&self) -> Vec<DeclId> {
-        self.rendering.iter().copied().map(DeclId).collect()
     }
 
     pub(super) fn reaches(&self, from: DeclId, to: DeclId) -> bool {
@@ -70,9 +69,14 @@ impl Reach {
 
     fn all_users(&self, mut waiting: Vec<u32>) -> HashSet<u32> {
         let mut found = HashSet::new();
+        let mut has_scene = false;
         while let Some(at) = waiting.pop() {
             if found.insert(at) {
                 waiting.extend(self.users.get(at as usize).into_iter().flatten());
+                if !has_scene && self.parts.binary_search(&at).is_ok() {
+                    has_scene = true;
+                    waiting.extend(&self.rendering);
+                }
             }
         }
         found
@@ -93,6 +97,8 @@ fn direct(program: &Program, id: DeclId) -> Vec<u32> {
     match &program.decl(id).kind {
         // A param has a value of its own, which no longer depends on the declarations of its initial value.
         DeclKind::Param(_) => Vec::new(),
+        // Those that render depend on the parts of the scene, which are kept apart: each would be a user of every part.
+        DeclKind::Native(_) => Vec::new(),
         _ => mentioned(program, id),
     }
 }

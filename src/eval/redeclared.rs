@@ -1,13 +1,17 @@
 //! A program in which declarations were replaced, added or taken back, line by line.
 
-use std::collections::HashSet;
+use std::collections::{BTreeMap, HashSet};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use super::reach::{Reach, mentioned};
 use super::{Engine, EngineState, Result};
+use crate::check;
 use crate::check::hir::{Decl, DeclId, DeclKind, Program, Target};
 use crate::natives::value::Value;
+
+/// By param: the inputs to which it is passed.
+pub(crate) type Domains = BTreeMap<DeclId, Vec<check::Reached>>;
 
 impl Engine {
     /// Replaces the program by an edited one, in which declarations keep their ids; the last ones may be gone. All values that do not
@@ -18,9 +22,8 @@ impl Engine {
         let mut changed: Vec<DeclId> = unshared.filter(|&id| !same_decl(&self.program, &program, id)).collect();
         let same_scene = self.program.default_scene == program.default_scene;
         let same_scene = same_scene && self.program.integrator == program.integrator;
-        let rendering = if same_scene { Vec::new() } else { self.reach.rendering() };
         match Arc::get_mut(&mut self.reach).filter(|_| count >= self.program.decls.len()) {
-            Some(reach) => reach.update(&program, changed.iter().copied().chain(rendering)),
+            Some(reach) => reach.update(&program, changed.iter().copied()),
             None => self.reach = Arc::new(Reach::new(&program)),
         }
         let reach = self.reach.clone();
@@ -69,6 +72,18 @@ impl Engine {
     /// Has another flag end evaluations; gives the one before.
     pub fn stop_by(&mut self, flag: Option<Arc<AtomicBool>>) -> Option<Arc<AtomicBool>> {
         std::mem::replace(&mut self.options.interrupt, flag)
+    }
+
+    /// By param: the inputs to which it is passed (`check::domains`). Looked for once, however many optimisations ask.
+    pub(crate) fn domains(&mut self) -> Arc<Domains> {
+        match &self.domains {
+            Some((of, known)) if Arc::ptr_eq(of, &self.program) => known.clone(),
+            _ => {
+                let found = Arc::new(check::domains(&self.program));
+                self.domains = Some((self.program.clone(), found.clone()));
+                found
+            }
+        }
     }
 
     /// The program as it is, to be returned to.

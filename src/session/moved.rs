@@ -46,7 +46,7 @@ pub fn moved_params(
     let mut moved = Vec::new();
     let mut spaces = Vec::new();
     let mut notes = Vec::new();
-    let reached = check::domains(engine.program());
+    let reached = engine.domains();
     let infos: HashMap<hir::DeclId, ParamInfo> = infos.into_iter().map(|info| (info.id, info)).collect();
     for (target, _) in targets {
         let info = infos.get(&target.decl).filter(|_| target.path.is_empty());

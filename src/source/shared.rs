@@ -173,6 +173,102 @@ impl<K: Hash + Eq + Clone, V: Clone> SharedMap<K, V> {
     }
 }
 
+/// A set of small numbers whose copies share what they have in common. A copy costs nothing, and to unite two sets takes no longer than there are
+/// chunks in which they differ.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
+pub struct SharedSet(Arc<Vec<Option<Arc<Bits>>>>);
+
+/// Which numbers of a chunk are in a set.
+type Bits = [u64; WORDS];
+
+const WORDS: usize = 8;
+const BITS: usize = 64 * WORDS;
+
+impl SharedSet {
+    /// Whether it has no number.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// Whether a number is in it.
+    pub fn contains(&self, number: u32) -> bool {
+        let at = number as usize;
+        let chunk = self.0.get(at / BITS).and_then(Option::as_ref);
+        chunk.is_some_and(|bits| bits[at % BITS / 64] >> (at % 64) & 1 == 1)
+    }
+
+    /// Adds a number.
+    pub fn insert(&mut self, number: u32) {
+        let at = number as usize;
+        if self.contains(number) {
+            return;
+        }
+        let chunks = Arc::make_mut(&mut self.0);
+        chunks.resize(chunks.len().max(at / BITS + 1), None);
+        let bits = Arc::make_mut(chunks[at / BITS].get_or_insert_default());
+        bits[at % BITS / 64] |= 1 << (at % 64);
+    }
+
+    /// The numbers of both.
+    pub fn union(&self, other: &SharedSet) -> SharedSet {
+        if other.is_empty() || Arc::ptr_eq(&self.0, &other.0) {
+            return self.clone();
+        }
+        let chunk = |set: &SharedSet, i: usize| set.0.get(i).cloned().flatten();
+        let count = self.0.len().max(other.0.len());
+        let all: Vec<_> = (0..count).map(|i| united(chunk(self, i), chunk(other, i))).collect();
+        // Where one of the two has the other's numbers too, it goes on to be shared.
+        let is_same = |set: &SharedSet| set.0.len() == count && (0..count).all(|i| is_shared(&all[i], &set.0[i]));
+        match [self, other].into_iter().find(|set| is_same(set)) {
+            Some(set) => set.clone(),
+            None => SharedSet(Arc::new(all)),
+        }
+    }
+
+    /// Whether all its numbers are in the other one.
+    pub fn is_within(&self, other: &SharedSet) -> bool {
+        Arc::ptr_eq(&self.0, &other.0) || self.union(other) == *other
+    }
+
+    /// The numbers that are in the other one too.
+    pub fn intersection(&self, other: &SharedSet) -> SharedSet {
+        if Arc::ptr_eq(&self.0, &other.0) {
+            return self.clone();
+        }
+        self.iter().filter(|number| other.contains(*number)).collect()
+    }
+
+    /// All numbers, in ascending order.
+    pub fn iter(&self) -> impl DoubleEndedIterator<Item = u32> + '_ {
+        let bits = |i: usize| self.0[i].iter().flat_map(move |_| i * BITS..(i + 1) * BITS);
+        (0..self.0.len()).flat_map(bits).map(|at| at as u32).filter(|number| self.contains(*number))
+    }
+}
+
+impl FromIterator<u32> for SharedSet {
+    fn from_iter<I: IntoIterator<Item = u32>>(numbers: I) -> SharedSet {
+        let mut all = SharedSet::default();
+        numbers.into_iter().for_each(|number| all.insert(number));
+        all
+    }
+}
+
+fn is_shared(a: &Option<Arc<Bits>>, b: &Option<Arc<Bits>>) -> bool {
+    match (a, b) {
+        (Some(a), Some(b)) => Arc::ptr_eq(a, b),
+        (a, b) => a.is_none() && b.is_none(),
+    }
+}
+
+fn united(a: Option<Arc<Bits>>, b: Option<Arc<Bits>>) -> Option<Arc<Bits>> {
+    let (a, b) = match (a, b) {
+        (Some(a), Some(b)) if !Arc::ptr_eq(&a, &b) => (a, b),
+        (a, b) => return a.or(b),
+    };
+    let both: Bits = std::array::from_fn(|i| a[i] | b[i]);
+    Some([&a, &b].into_iter().find(|one| ***one == both).cloned().unwrap_or_else(|| Arc::new(both)))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -215,5 +311,23 @@ mod tests {
         map.retain(|key| key.ends_with(['0', '2', '4', '6', '8']));
         assert_eq!((map.len(), all.len(), map.keys().count()), (500, 1001, 500));
         assert_eq!((map.get("998"), map.get("999"), map.get("last")), (Some(&998), None, None));
+    }
+
+    #[test]
+    fn sets_are_united_and_share_what_they_have_in_common() {
+        let of = |step: u32, n: u32| (0..n).step_by(step as usize).collect::<SharedSet>();
+        for (n, m) in [(0, 0), (0, 5), (1, 2000), (2000, 2000), (3000, 600)] {
+            let (evens, threes) = (of(2, n), of(3, m));
+            let wanted = |number: u32| number < n && number % 2 == 0 || number < m && number % 3 == 0;
+            for both in [evens.union(&threes), threes.union(&evens)] {
+                assert!(both.iter().eq((0..3000).filter(|number| wanted(*number))), "{n} {m}");
+                assert!((0..3000).all(|number| both.contains(number) == wanted(number)));
+                assert!(evens.is_within(&both) && both.union(&threes) == both);
+                assert!(Arc::ptr_eq(&both.union(&evens).0, &both.0) && Arc::ptr_eq(&evens.union(&both).0, &both.0));
+            }
+            assert_eq!(evens.is_within(&threes), n < 3);
+            assert!(evens.intersection(&threes).iter().eq((0..n.min(m)).filter(|number| number % 6 == 0)));
+            assert_eq!((evens.is_empty(), threes.iter().next_back()), (n == 0, (0..m).rev().find(|i| i % 3 == 0)));
+        }
     }
 }

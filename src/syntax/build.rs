@@ -413,9 +413,6 @@ impl Builder<'_> {
             }
             lets.extend(self.block_let(part));
         }
-        // Each `let` is a level of the typed tree.
-        let Some(level) = self.deeper(lets.len(), span) else { return error(span) };
-        self.level = level;
         Expr { kind: ExprKind::Block { lets, body: Box::new(body) }, span }
     }
 

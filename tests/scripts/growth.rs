@@ -397,6 +397,105 @@ fn what_doubles_with_every_line_is_checked() {
     program(&format!("let a = [1, 2]\nlet z = {chained}\n"));
 }
 
+/// Whether a script is right, all that `dsl check` looks at included; how often it was warned.
+fn checked(text: &str) -> usize {
+    let Checked { program, diagnostics, .. } = check::check_text("test.dscene", None, text, &[], &Disk);
+    let errors = || diagnostics.iter().filter(|d| d.is_error()).collect::<Vec<_>>();
+    let program = program.unwrap_or_else(|| panic!("{:#?}", errors().first()));
+    check::kept_inside(&program);
+    diagnostics.len()
+}
+
+/// What a program is asked about each of its declarations, each of which depends on all before it: looking through these every time takes minutes.
+#[test]
+fn what_depends_on_all_before_it_is_followed_once() {
+    type Line = fn(usize) -> String;
+    let rows: [(&str, Line, usize, usize); 12] = [
+        // The first line, the others, how many, and how many warnings there are.
+        (
+            "param p = 0.5\nlet x0 = floor(p)",
+            |i| format!("let x{i} = floor(p) + x{}\nloss l{i} = x{i}", i - 1),
+            4000,
+            1,
+        ),
+        ("let x0 = 0", |i| format!("param p{i} = 0.5\nlet x{i} = p{i} + x{}\nloss l{i} = x{i} - {i}", i - 1), 4000, 0),
+        ("param x0 = 1", |i| format!("let x{i} = if x{0} > 0 then x{0} else 2", i - 1), 20_000, 0),
+        ("param x0 = 1\noptimize x0", |i| format!("let x{i} = if x{0} > 0 then x{0} else x{0} * 2", i - 1), 20_000, 0),
+        (
+            "let x0 = 0",
+            |i| format!("param p{i} = 1\nlet x{i} = p{i} + x{}\noptimize x{i} {{ steps: 1 }}", i - 1),
+            4000,
+            0,
+        ),
+        (
+            "let x0 = 0",
+            |i| format!("param p{i} = 1\nlet x{i} = p{i} + x{}\noptimize x{i} {{ over: [p{i}] steps: 1 }}", i - 1),
+            4000,
+            0,
+        ),
+        (
+            "let x0 = 0",
+            |i| format!("param p{i} = 1 {{ lr: 2 }}\nlet x{i} = p{i} + x{}\noptimize x{i} ^ 2 {{ blur: 1 }}", i - 1),
+            4000,
+            3999,
+        ),
+        (
+            "let x0 = 0",
+            |i| format!("param p{i} = 1\nlet x{i} = p{i} + x{}\nlet g{i} = grad(x{i}, p{i})", i - 1),
+            4000,
+            0,
+        ),
+        ("let x0 = 0", |i| format!("param p{i} = 1\nlet x{i} = (x{} + p{i}) with {{ p{i}: {i} }}", i - 1), 4000, 0),
+        ("let x0 = sum(noise([1]))", |i| format!("let x{i} = x{} + 1\nprint x{i}", i - 1), 20_000, 0),
+        (
+            "camera eye { position: [0, 0, 5], look_at: [0, 0, 0] }",
+            |i| format!("light l{i} = point([0, {i}, 1], 10)\nprint mean(render(eye, spp: 1))"),
+            4000,
+            0,
+        ),
+        ("let f0 = x => x", |i| format!("let f{i} = () => f{}", i - 1), 20_000, 0),
+    ];
+    for (first, line, n, warnings) in rows {
+        let text: String = (1..n).map(|i| line(i) + "\n").collect();
+        let what = line(1);
+        assert_eq!(on_main_stack(move || checked(&format!("{first}\n{text}"))), warnings, "{first}\n{what}");
+    }
+}
+
+/// Records in records, lists in lists: beyond some depth it is left to the run what they are, so that no type holds those of all before it.
+#[test]
+fn values_within_values_are_checked() {
+    type Line = fn(usize) -> String;
+    let rows: [(&str, Line, usize); 6] = [
+        ("{ k: 1 }", |i| format!("let r{i} = {{ inner: r{}, k: 1 }}", i - 1), 20_000),
+        ("{ k: 1 }", |i| format!("let r{i} = {{ a: r{0}, b: r{0} }}", i - 1), 1000),
+        ("1", |i| format!("let r{i} = [r{}]", i - 1), 20_000),
+        ("\"text\"", |i| format!("let r{i} = [r{}]", i - 1), 20_000),
+        ("{ k: 1 }", |i| format!("let r{i} = [r{0}, [r{0}]]", i - 1), 1000),
+        ("[\"a\", \"b\"]", |i| format!("let r{i} = zip(r{}, [1, 2])", i - 1), 20_000),
+    ];
+    for (first, line, n) in rows {
+        let text: String = (1..n).map(|i| line(i) + "\n").collect();
+        on_main_stack(move || checked(&format!("let r0 = {first}\n{text}")));
+    }
+    // What is less deep is still known.
+    let text = "let a = { k: 1 }\nlet b = { a: [a] }\nlet c = [{ b: b }]\nlet wrong = c[0].b.a[0].m\n";
+    let found = check::check_text("test.dscene", None, text, &[], &Disk).diagnostics;
+    assert_eq!(found.iter().map(|d| d.code).collect::<Vec<_>>(), ["dscene::name::field"]);
+}
+
+#[test]
+fn a_block_of_10000_names_is_checked_and_evaluated() {
+    let lets: String = (1..10_000).map(|i| format!("let y{i} = y{} + x\n", i - 1)).collect();
+    let text = format!(
+        "fn f(x) {{\nlet y0 = 0\n{lets}y9999 }}\nparam p = 2\nlet y = f(p)\nlet slope = grad(y, p)\nlet ys = [f(x) for x in [1, p]]\n"
+    );
+    for (name, wanted) in [("y", vec![19_998.0]), ("slope", vec![9999.0]), ("ys", vec![9999.0, 19_998.0])] {
+        let text = text.clone();
+        assert_eq!(on_main_stack(move || numbers(&mut engine(&text), name)), Ok(wanted));
+    }
+}
+
 /// Checks lines one after the other, as the REPL does.
 fn typed(program: &mut hir::Program, text: &str) -> Result<Vec<hir::DeclId>, Vec<Diagnostic>> {
     match check_line(program, text) {
@@ -425,6 +524,26 @@ fn a_line_checks_nothing_that_it_does_not_touch() {
     assert_eq!(changed.map(|(_, new)| new.name.as_str()).collect::<Vec<_>>(), ["a997", "a998", "a999"]);
     let mut engine = Engine::new(program, EngineOptions::default());
     assert_eq!(numbers(&mut engine, "a999"), Ok(vec![7.0]));
+}
+
+/// A line that adds to the scene is checked with what it adds: with all parts each time, these lines take minutes.
+#[test]
+fn a_line_looks_at_no_part_of_the_scene_but_its_own() {
+    let mut program = program("camera eye { position: [0, 0, 5], look_at: [0, 0, 0], film: [8, 8] }\nparam p = 1\n");
+    for i in 0..10_000 {
+        typed(&mut program, &format!("light l{i} = point([0, {i}, 1], p)")).unwrap();
+    }
+    assert_eq!(program.default_scene.len(), 10_000);
+    typed(&mut program, "let seen = mean(render(eye, spp: 1))").unwrap();
+    for line in ["light last = point([0, 0, 1], seen)", "light l5 = point([0, 0, 1], seen)", "let p = seen"] {
+        let errors = typed(&mut program, line).expect_err(line);
+        assert!(errors.iter().any(|d| d.code == "dscene::name::cycle"), "{line}: {errors:#?}");
+    }
+    let errors = typed(&mut program, "param q ~ normal(p, 1)").expect_err("a prior that varies");
+    assert!(errors.iter().any(|d| d.code == "dscene::flow::prior"), "{errors:#?}");
+    typed(&mut program, "light l5 = point([0, 0, 1], 3)").unwrap();
+    typed(&mut program, "let l7 = 2").unwrap();
+    assert_eq!((program.default_scene.len(), program.default_scene.is_sorted()), (9_999, true));
 }
 
 /// Params are known as such however they came about: by a line, instead of another declaration, and no more when that is replaced.

@@ -6,9 +6,9 @@ use serde_json::{Value as Json, json};
 
 use super::hub::Pose;
 use super::view::{item_of, viewpoints};
+use crate::check::Reached;
 use crate::check::hir::Program;
 use crate::check::types::Ty;
-use crate::check::{Reached, domains};
 use crate::cli::script::{as_script, numbers};
 use crate::diag::Diagnostic;
 use crate::eval::{self, Engine, ParamInfo, ParamKind, is_angle};
@@ -25,7 +25,7 @@ pub const SET_BY_HAND: usize = 24;
 /// All params: values with angles in degrees, bounds (null where a side is open), and whether they are colours.
 pub fn params(engine: &mut Engine) -> Result<Json, Diagnostic> {
     let infos = engine.params()?;
-    let reached = domains(engine.program());
+    let reached = engine.domains();
     let mut all = Vec::with_capacity(infos.len());
     for info in infos {
         let value = engine.param_value(info.id)?;

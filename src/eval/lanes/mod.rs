@@ -62,11 +62,14 @@ impl Engine {
                 |e, n, names| e.lanes(then, n, names),
                 |e, n, names| e.lanes(otherwise, n, names),
             ),
-            ExprKind::Let { local, value, body } => {
-                let value = self.lanes(value, n, names)?;
+            ExprKind::Let { lets, body } => {
                 let top = names.len();
-                names.push((*local, value));
-                let result = self.lanes(body, n, names);
+                let bound = lets.iter().try_for_each(|(local, value)| {
+                    let value = self.lanes(value, n, names)?;
+                    names.push((*local, value));
+                    Some(())
+                });
+                let result = bound.and_then(|()| self.lanes(body, n, names));
                 names.truncate(top);
                 result
             }
