@@ -427,6 +427,8 @@ fn compute(op: BinaryOp, a: &Const, b: &Const) -> Option<Const> {
             Sub => Const::Num(x - y),
             Mul => Const::Num(x * y),
             Div => Const::Num(x / y),
+            // A power of a NaN is none, as when it is run.
+            Pow if x.is_nan() || y.is_nan() => Const::Num(f64::NAN),
             Pow => Const::Num(x.powf(*y)),
             Eq => Const::Bool(x == y),
             Ne => Const::Bool(x != y),

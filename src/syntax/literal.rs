@@ -27,6 +27,10 @@ pub fn number(text: &str) -> Result<ExprKind, Wrong> {
     if !value.is_finite() {
         return Err(wrong("dscene::syntax::number", format!("`{text}` is too large a number"), "beyond 1.8e308", None));
     }
+    let mantissa = digits.split(['e', 'E']).next().unwrap_or(digits);
+    if value == 0.0 && mantissa.bytes().any(|b| matches!(b, b'1'..=b'9')) {
+        return Err(wrong("dscene::syntax::number", format!("`{text}` is too small a number"), "below 4.9e-324", None));
+    }
     match unit {
         "" => Ok(ExprKind::Number(value)),
         "%" => Ok(ExprKind::Percent(value)),

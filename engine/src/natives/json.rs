@@ -19,7 +19,7 @@ const FEW: usize = 16;
 
 /// The value of a JSON text. Objects become records, and arrays of numbers tensors if their lengths agree. Numbers that are not finite are the
 /// strings `"nan"`, `"inf"` or `"-inf"` in files written here; many other programs write NaN as `null`.
-/// No two fields of an object have one name. Told is that integers are rounded.
+/// No two fields of an object have one name. Told is that integers are rounded, and what is taken as 0.
 pub(super) fn decode(bytes: &[u8]) -> Result<Noted<Value>, String> {
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let value = serde_json::from_slice::<Read>(bytes).map(Read::value).map_err(|e| fault(bytes, &e))?;
@@ -316,6 +316,8 @@ mod tests {
             [told]
         );
         assert!(notes("[-123456789012345678901, 36893488147419103231]")[0].starts_with("2 integers beyond 2^53"));
+        let told = "a number below the smallest, 4.9e-324, is taken as 0: 1e-400 in line 1";
+        assert_eq!(notes("[1e-400, \"1e-400\", 0e-400, 4.9e-324]"), [told]);
         assert!(notes("[1e300, 0.1234567890123456789, 1152921504606846976]").is_empty());
     }
 }

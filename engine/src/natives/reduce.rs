@@ -31,6 +31,9 @@ pub(super) const TABLE: &[(&str, Native)] = &[
     ("argmax", |a| position(a, |group| group.sorted.last())),
 ];
 
+/// What to do about a NaN that has no place among numbers.
+const NAN: &str = "find out where it comes from: 0 / 0, a logarithm, a file; `is_nan(x)` asks whether there is one";
+
 /// The axes that argument `axis` names, for an array with `rank` axes; `None` if it is missing.
 fn axes(a: &Args, rank: usize) -> Result<Option<Vec<usize>>> {
     let Some((index, value)) = a.named("axis") else { return Ok(None) };
@@ -137,6 +140,9 @@ fn sort(a: &Args) -> Result<Value> {
     let (_, groups) = x.ordered(&axes)?;
     let descending = a.boolean("descending")? == Some(true);
     let mut table = vec![0; x.len()];
+    if x.value().data.iter().any(|x| x.is_nan()) {
+        return Err(NativeError::at(0, "a NaN has no place in an order: this holds one").help(NAN));
+    }
     for Group { places, mut sorted } in groups {
         if descending {
             sorted.reverse();
@@ -159,9 +165,12 @@ fn position(a: &Args, find: impl Fn(&Group) -> Option<&u32>) -> Result<Value> {
             return Err(NativeError::at(0, "nothing has no smallest or largest element"));
         };
         let data = |i: u32| x.value().data[i as usize];
-        // A NaN counts as the extreme, as in `min` and `max`; of equal elements the first is chosen.
-        let at = if data(last).is_nan() { last } else { at };
-        let same = |i: &u32| data(*i) == data(at) || data(*i).is_nan() && data(at).is_nan();
+        // An index does not tell any more that it is that of a NaN.
+        if data(last).is_nan() {
+            return Err(NativeError::at(0, "a NaN is neither smaller nor larger than others: this holds one").help(NAN));
+        }
+        // Of equal elements the first is chosen.
+        let same = |i: &u32| data(*i) == data(at);
         found.push(group.places.iter().copied().find(same).unwrap_or(at) as usize);
     }
     let index = |at: usize, axis: usize| {

@@ -304,3 +304,17 @@ fn three_sheets_that_meet_in_an_edge_have_no_volume() {
     let Err(error) = call("volume", &[("mesh", mesh)]) else { panic!("it has a volume") };
     assert!(error.message.contains("3 edges belong to an odd number of faces"), "{}", error.message);
 }
+
+#[test]
+fn a_nan_has_no_place_among_numbers() {
+    for name in ["sort", "argmin", "argmax"] {
+        assert!(call(name, &[("x", vector(&[2.0, 1.0]))]).is_ok(), "{name}");
+        let told = call(name, &[("x", vector(&[2.0, f64::NAN, 1.0]))]).map(|_| ()).unwrap_err();
+        assert!(told.message.contains("NaN") && told.arg == Some(0), "{name}: {}", told.message);
+    }
+    for (x, y) in [(f64::NAN, 0.0), (1.0, f64::NAN), (f64::NAN, 2.0)] {
+        let found = call("median", &[("x", vector(&[x, y, 3.0]))]).unwrap();
+        assert!(found.number().unwrap().is_nan());
+        assert!(crate::tape::Binary::Pow.value(x, y).is_nan(), "{x} ^ {y}");
+    }
+}

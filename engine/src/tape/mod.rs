@@ -496,6 +496,16 @@ pub fn unit(leaf: &Var, element: usize) -> Vec<(Var, Tensor)> {
     vec![(leaf.clone(), t)]
 }
 
+/// The first function on the way from `wrt` to `output` whose slope is infinite where it stands, so that its derivative counts as 0: in
+/// words that follow "through".
+pub fn edge(output: &Var, wrt: &Var) -> Option<&'static str> {
+    let (sorted, _) = order(std::slice::from_ref(output), &HashSet::from([wrt.id()]));
+    sorted.iter().filter(|var| var.id() != wrt.id()).find_map(|var| {
+        let inputs: Vec<&Tensor> = var.sources().iter().map(Var::value).collect();
+        var.op().edge(&inputs)
+    })
+}
+
 /// Whether `output` depends on the node `wrt`.
 pub fn depends(output: &Var, wrt: &Var) -> bool {
     order(std::slice::from_ref(output), &HashSet::from([wrt.id()])).1.contains(&output.id())

@@ -156,6 +156,15 @@ impl Unary {
         }
     }
 
+    /// Whether the slope is infinite although the value is not, so that it counts as 0.
+    fn is_steep(self, x: f64) -> bool {
+        match self {
+            Unary::Sqrt => x == 0.0,
+            Unary::Asin | Unary::Acos => x.abs() >= 1.0,
+            _ => false,
+        }
+    }
+
     fn is_flat(self) -> bool {
         matches!(self, Unary::Sign | Unary::Floor | Unary::Ceil | Unary::Round | Unary::Stop)
     }
@@ -272,6 +281,15 @@ impl Binary {
         }
     }
 
+    /// Whether the slope by a first operand is infinite although the value is not, so that it counts as 0.
+    fn is_steep(self, x: f64, y: f64) -> bool {
+        match self {
+            Binary::Pow => x == 0.0 && 0.0 < y && y < 1.0,
+            Binary::Atan2 => x == 0.0 && y == 0.0,
+            _ => false,
+        }
+    }
+
     /// Whether it is a comparison, whose derivatives are 0.
     pub fn is_comparison(self) -> bool {
         matches!(self, Binary::Eq | Binary::Ne | Binary::Lt | Binary::Le | Binary::Gt | Binary::Ge)
@@ -290,7 +308,10 @@ fn arc_slope(x: f64) -> f64 {
 }
 
 fn power(x: f64, y: f64) -> f64 {
-    if y == 2.0 {
+    // To the processor NaN to the power of 0 is 1, and so is 1 to that of NaN: what is unknown would be known again.
+    if x.is_nan() || y.is_nan() {
+        f64::NAN
+    } else if y == 2.0 {
         x * x
     } else if y == 1.0 {
         x
@@ -380,6 +401,29 @@ pub enum Op {
 }
 
 impl Op {
+    /// What is infinitely steep at all elements of these inputs, so that the derivative counts as 0: in words that follow "through".
+    pub(super) fn edge(&self, inputs: &[&Tensor]) -> Option<&'static str> {
+        let all = |is_steep: &dyn Fn(f64, f64) -> bool| -> bool {
+            let [x, others @ ..] = inputs else { return false };
+            let second = |i: usize| others.first().map_or(0.0, |y| y.data[if y.len() == x.len() { i } else { 0 }]);
+            !x.is_empty()
+                && others.iter().all(|y| y.len() == x.len() || y.len() == 1)
+                && x.data.iter().enumerate().all(|(i, x)| is_steep(*x, second(i)))
+        };
+        match self {
+            Op::Unary(f) if all(&|x, _| f.is_steep(x)) => Some(match f {
+                Unary::Sqrt => "a square root of 0 (as in `sqrt`, `norm`, `length`, `distance` and `std`)",
+                Unary::Asin => "the arcsine of 1 or -1",
+                _ => "the arccosine of 1 or -1",
+            }),
+            Op::Binary(f) if all(&|x, y| f.is_steep(x, y)) => Some(match f {
+                Binary::Pow => "a power of 0 with an exponent below 1",
+                _ => "the `atan2` of 0 and 0",
+            }),
+            _ => None,
+        }
+    }
+
     /// Whether the derivative is 0 everywhere, so that nothing needs to be recorded.
     pub fn is_flat(&self) -> bool {
         match self {
