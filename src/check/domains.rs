@@ -260,7 +260,7 @@ impl Part {
 /// By param: the domains of the inputs to which it is passed, unchanged or along a straight line, through names, functions, textures,
 /// arrays and their parts.
 pub fn domains(program: &Program) -> BTreeMap<DeclId, Vec<Reached>> {
-    inputs::of_params(program)
+    inputs::of_params(program).reached
 }
 
 /// What a run will note of the params that its optimisations move: inside of what it keeps them, as far as that is known before.
@@ -277,20 +277,22 @@ pub fn kept_inside(program: &Program) -> Vec<Diagnostic> {
     if moved.is_empty() {
         return Vec::new();
     }
-    let reached = domains(program);
-    moved.into_iter().flat_map(|id| notes_of(program, id, reached.get(&id).map_or(&[], Vec::as_slice))).collect()
+    let inputs::OfParams { reached, starts } = inputs::of_params(program);
+    let notes = |id: DeclId| {
+        let start = starts.get(&id).map_or(&[][..], Vec::as_slice);
+        notes_of(program, id, reached.get(&id).map_or(&[], Vec::as_slice), start)
+    };
+    moved.into_iter().flat_map(notes).collect()
 }
 
-/// The notes on a param that moves.
-fn notes_of(program: &Program, id: DeclId, all: &[Reached]) -> Vec<Diagnostic> {
+/// The notes on a param that moves, and that starts with these numbers if they are known.
+fn notes_of(program: &Program, id: DeclId, all: &[Reached], starts: &[f64]) -> Vec<Diagnostic> {
     let decl = program.decl(id);
     let (DeclKind::Param(param), Some(initial)) = (&decl.kind, &decl.body) else { return Vec::new() };
-    let is_of_numbers = decl.ty != Ty::Rotation && param.space.is_none() && param.prior.is_none();
-    if !is_of_numbers || is_frozen(param) {
+    if decl.ty == Ty::Rotation || is_frozen(param) {
         return Vec::new();
     }
-    let mut starts = Vec::new();
-    literals(initial, &mut starts);
+    let is_plain = param.space.is_none() && param.prior.is_none();
     let shape = decl.ty.quantity().and_then(|(shape, _)| shape.iter().copied().collect::<Option<Vec<usize>>>());
     // A bound that is not a number in the script may be any.
     let is_outside = |end: Option<&Expr>, reached: &Reached| {
@@ -311,8 +313,9 @@ fn notes_of(program: &Program, id: DeclId, all: &[Reached]) -> Vec<Diagnostic> {
             starts.iter().enumerate().find(|(at, x)| is_passed(*at) && !reached.contains(**x)).map(|(_, x)| x);
         let (message, help) = match outside {
             Some(x) => reached.told_outside(&decl.name, *x),
-            None if domain.low.is_finite() && is_outside(low, reached)
-                || domain.high.is_finite() && is_outside(high, reached) =>
+            None if is_plain
+                && (domain.low.is_finite() && is_outside(low, reached)
+                    || domain.high.is_finite() && is_outside(high, reached)) =>
             {
                 (
                     reached.told(&decl.name),

@@ -22,11 +22,20 @@ const MOST_ITEMS: usize = 16;
 /// Functions whose slope is infinite at the ends of their domains.
 const STEEP: [&str; 6] = ["sqrt", "log", "asin", "acos", "pow", "^"];
 
-/// By param: the inputs to which it is passed.
-pub fn of_params(program: &Program) -> BTreeMap<DeclId, Vec<Reached>> {
+/// What is known of params.
+pub struct OfParams {
+    /// By param: the inputs to which it is passed.
+    pub reached: BTreeMap<DeclId, Vec<Reached>>,
+    /// Their initial values, where these are known: row-major, or one number for all.
+    pub starts: BTreeMap<DeclId, Vec<f64>>,
+}
+
+/// The inputs to which params are passed, and where they start.
+pub fn of_params(program: &Program) -> OfParams {
     let mut run = Run {
         program,
         found: BTreeMap::new(),
+        starts: BTreeMap::new(),
         world: World::default(),
         locals: HashMap::new(),
         lambdas: HashMap::new(),
@@ -44,7 +53,7 @@ pub fn of_params(program: &Program) -> BTreeMap<DeclId, Vec<Reached>> {
     for id in program.ids().filter(|id| program.decl(*id).user) {
         run.decl(id);
     }
-    run.found
+    OfParams { reached: run.found, starts: run.starts }
 }
 
 /// The domain of a native's argument.
@@ -183,6 +192,14 @@ impl<'p> Known<'p> {
         }
     }
 
+    /// All numbers of it, one after the other; false if one is not known.
+    fn numbers(&self, out: &mut Vec<f64>) -> bool {
+        match self {
+            Known::Items(all) => all.iter().all(|one| one.numbers(out)),
+            _ => self.number().map(|x| out.push(x)).is_some(),
+        }
+    }
+
     fn number(&self) -> Option<f64> {
         match self {
             Known::Number(x) => Some(*x),
@@ -219,6 +236,7 @@ struct World<'p> {
 struct Run<'p> {
     program: &'p Program,
     found: BTreeMap<DeclId, Vec<Reached>>,
+    starts: BTreeMap<DeclId, Vec<f64>>,
     world: World<'p>,
     locals: HashMap<LocalId, Known<'p>>,
     /// Functions without a name that were looked into where they are written, with the params of the conditions there.
@@ -258,7 +276,13 @@ impl<'p> Run<'p> {
         }
         let Some(value) = self.deeper(|run| run.expr(body)) else { return Known::Other };
         let known = match decl.kind {
-            DeclKind::Param(_) => Known::Param(id, Part::default(), Line::default()),
+            DeclKind::Param(_) => {
+                let mut numbers = Vec::new();
+                if value.numbers(&mut numbers) {
+                    self.starts.insert(id, numbers);
+                }
+                Known::Param(id, Part::default(), Line::default())
+            }
             _ => value,
         };
         self.world.known.insert(id, (known.clone(), guarded));
@@ -623,7 +647,7 @@ fn on_a_line<'p>(op: BinaryOp, a: &Known<'p>, b: &Known<'p>) -> Known<'p> {
         (BinaryOp::Mul, _, Some(c)) => a.along(&|line| line.times(c), &|x| x * c),
         (BinaryOp::Mul, Some(c), _) => b.along(&|line| line.times(c), &|x| c * x),
         (BinaryOp::Div, _, Some(c)) => a.along(&|line| line.over(c), &|x| x / c),
-        (BinaryOp::Pow, Some(x), Some(y)) => Known::Number(x.powf(y)),
+        (BinaryOp::Pow, Some(x), Some(y)) if !x.is_nan() && !y.is_nan() => Known::Number(x.powf(y)),
         _ => Known::Other,
     }
 }

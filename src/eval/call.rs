@@ -34,13 +34,11 @@ impl Engine {
     pub(super) fn call(&mut self, call: &Call, e: &Expr) -> Result<Value> {
         match &call.callee {
             Callee::Native(id) => {
-                let mut values = Vec::with_capacity(call.args.len());
-                for arg in &call.args {
-                    values.push(match arg {
-                        Some(arg) => self.expr(arg)?,
-                        None => Value::None,
-                    });
-                }
+                let is_where = self.program.decl(*id).name == "where";
+                let values = self.chosen_from(is_where, |engine| {
+                    let value = |arg: &Option<Expr>| arg.as_ref().map_or(Ok(Value::None), |arg| engine.expr(arg));
+                    call.args.iter().map(value).collect::<Result<Vec<Value>>>()
+                })?;
                 self.call_native(*id, call, &values, e)
             }
             Callee::Decl(id) => {
@@ -95,6 +93,7 @@ impl Engine {
         span: Span,
     ) -> Result<Value> {
         stop::check();
+        self.watch_arguments(native, values, span);
         if let Some(rendering) = Rendering::named(&native.name) {
             return self.render(native, rendering, values, given, spans, span);
         }
@@ -124,7 +123,7 @@ impl Engine {
             let what = warning.message.clone();
             self.warnings.say(span, what, || error::native_warning(&warning, span, spans, &native.name));
         }
-        let value = value?;
+        let value = value.map_err(|e| self.unless_unseen(e, values))?;
         if self.total > 0 && !matches!(value, Value::Num(_)) {
             self.tell_ranges(native, values, spans, span);
         }
@@ -183,6 +182,14 @@ impl Engine {
     }
 
     fn declared_function(&mut self, id: DeclId, f: &FnDecl, mut args: Vec<Option<Value>>, span: Span) -> Result<Value> {
+        if f.params.iter().any(|param| param.domain.is_some()) {
+            let name = self.program.decl(id).name.clone();
+            for (i, (param, arg)) in f.params.iter().zip(&args).enumerate() {
+                if let (Some(domain), Some(value)) = (param.domain, arg) {
+                    self.watch(domain, [&name, &param.name], value, span, i);
+                }
+            }
+        }
         self.blur_compared(id, f, &mut args, span)?;
         self.language_function(f, args, span)
     }

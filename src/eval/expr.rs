@@ -264,6 +264,7 @@ impl Engine {
             if !found.is_empty() {
                 return Err(error::not_a_number("a comparison", span, found));
             }
+            self.note_infinities(sides, span);
         }
         let result = arithmetic(op, &x, &y).map_err(|message| {
             let diagnostic = error::shape(message, span).label(left.span, x.kind()).label(right.span, y.kind());
@@ -328,6 +329,9 @@ impl Engine {
         let mut overrides = Vec::with_capacity(replacements.len());
         for r in replacements {
             let value = self.expr(&r.value)?;
+            if let Some(reached) = domain_of_field(&self.program, &r.target) {
+                self.watch(reached.domain, [&reached.function, &reached.argument], &value, r.value.span, 0);
+            }
             if let (Some(reached), Some(var)) = (domain_of_field(&self.program, &r.target), value.var())
                 && let Some(x) = var.value().data.iter().find(|x| **x < reached.domain.low)
             {
@@ -385,8 +389,12 @@ impl Engine {
 /// The numbers from `a` to `b`.
 pub(super) fn range(a: f64, b: f64, inclusive: bool, span: Span) -> Result<Value> {
     let b = if inclusive { b + 1.0 } else { b };
-    let count = (b - a).ceil().max(0.0);
-    if count.is_nan() || count > MAX_ITEMS {
+    let count = (b - a).ceil();
+    if count.is_nan() {
+        return Err(error::value("a range has numbers as its ends, one of these is NaN or both are infinite", span));
+    }
+    let count = count.max(0.0);
+    if count > MAX_ITEMS {
         return Err(error::value(format!("a range of {count} items is too long"), span));
     }
     memory::ask_for::<f64>(count as usize).map_err(|e| error::memory(e, span))?;

@@ -17,7 +17,7 @@ use crate::render::texture::{Filter, Texture, Wrap};
 use crate::render::{
     Camera, Cone, Crop, DeltaLight, Distortion, Emission, Input as RenderInput, Lens, LightMotion, Material,
     MaterialKind, Motion, PixelFilter, Pose, Projection, Quantity, SceneDescription, Shape, Slot, SphericalMap,
-    TextureId,
+    TextureId, validate_scene,
 };
 use crate::stop::paced;
 use crate::tape::{Slice, TapeError, Tensor, Unary, Var};
@@ -101,8 +101,15 @@ struct Builder {
     textures: HashMap<(u64, usize, Wrap, Filter), TextureId>,
 }
 
-/// Shapes first, then area lights; delta lights in order. `before` is a scene that may be much like this one.
-pub(super) fn lower_scene(scene: &SceneValue, before: Option<&Lowered>) -> Result<Lowered, LowerError> {
+/// Why a scene cannot be rendered, if it cannot; else the point that its positions are relative to.
+pub(super) fn assert_renderable(scene: &SceneValue) -> Result<DVec3, LowerError> {
+    let description = described(scene)?.description;
+    validate_scene(&description).map_err(LowerError::Scene)?;
+    Ok(description.origin)
+}
+
+/// Shapes first, then area lights; delta lights in order.
+fn described(scene: &SceneValue) -> Result<Builder, LowerError> {
     let mut b = Builder::default();
     b.description.origin = middle(scene);
     for shape in &scene.shapes {
@@ -111,6 +118,12 @@ pub(super) fn lower_scene(scene: &SceneValue, before: Option<&Lowered>) -> Resul
     for (index, light) in scene.lights.iter().enumerate() {
         b.light(light, index)?;
     }
+    Ok(b)
+}
+
+/// A scene with its ray tree. `before` is one that may be much like this one.
+pub(super) fn lower_scene(scene: &SceneValue, before: Option<&Lowered>) -> Result<Lowered, LowerError> {
+    let b = described(scene)?;
     let scene = Scene::following(b.description, before.map(|l| &l.scene)).map_err(LowerError::Scene)?;
     Ok(Lowered { scene, slots: b.slots })
 }

@@ -6,6 +6,7 @@
 //!   layer below.
 //! * `lower` is where values become a scene with slots; rendering is one operation of the tape.
 
+mod ahead;
 mod blurred;
 mod bodies;
 mod call;
@@ -55,6 +56,7 @@ use reach::Reach;
 use warnings::Warnings;
 
 pub use crate::natives::value;
+pub use ahead::{Ahead, Stray};
 pub use derivative::Gradient;
 pub use error::{INTERRUPTED, NOT_A_NUMBER};
 pub use history::{History, StoredHistory};
@@ -240,6 +242,12 @@ pub struct Engine {
     rehearsal: Option<Arc<Rehearsal>>,
     /// Set while somebody wants to see what losses see.
     image_log: Option<recorded::ImageLog>,
+    /// Set while an expression is looked at ahead.
+    ahead: Option<ahead::Lookahead>,
+    /// Whether any input with a domain, or any rendering, was reached by what may move.
+    may_stray: bool,
+    /// Set while infinities that are compared are noted.
+    infinities: Option<origin::Infinities>,
 }
 
 impl Engine {
@@ -283,6 +291,9 @@ impl Engine {
             warnings: Warnings::default(),
             rehearsal: None,
             image_log: None,
+            ahead: None,
+            may_stray: false,
+            infinities: None,
         }
     }
 

@@ -19,10 +19,36 @@ pub struct Origin {
     pub text: String,
 }
 
+/// The operands of comparisons that are infinite, as far as these are written within an expression.
+pub(super) struct Infinities {
+    within: Span,
+    found: Vec<Span>,
+}
+
 /// Most expressions that are searched. Each is evaluated again.
 const MOST: usize = 10_000;
 
 impl Engine {
+    /// The value of a condition, and where infinities stand that it compares, in the order in which it does.
+    pub fn eval_noting_infinities(&mut self, condition: &Expr) -> Result<(Value, Vec<Span>)> {
+        self.infinities = Some(Infinities { within: condition.span, found: Vec::new() });
+        let value = self.eval(condition);
+        let found = self.infinities.take().map_or_else(Vec::new, |noted| noted.found);
+        Ok((value?, found))
+    }
+
+    /// Notes which sides of a comparison are infinite, if anybody wants to know.
+    pub(super) fn note_infinities(&mut self, sides: [(&Value, Span); 2], comparison: Span) {
+        let Some(noted) = &mut self.infinities else { return };
+        let is_within = noted.within.source == comparison.source
+            && noted.within.start <= comparison.start
+            && comparison.end <= noted.within.end;
+        if is_within {
+            let is_infinite = |(value, _): &(&Value, Span)| first(value, f64::is_infinite).is_some();
+            noted.found.extend(sides.into_iter().filter(is_infinite).map(|(_, span)| span));
+        }
+    }
+
     /// The origin of the first NaN of a value or, if there is none, of its first infinity; `None` if all of it is finite. The search does
     /// not go into bodies of functions and items of comprehensions, which cannot be evaluated on their own.
     pub fn origin(&mut self, of: &Expr) -> Option<Origin> {

@@ -424,6 +424,9 @@ impl Engine {
         let camera = lower::lower_camera(camera_value)
             .map_err(|e| self.scene_error(e, &SceneValue::default(), &[], call.at("camera")))?;
         let (scene, origins) = self.scene_of(&call)?;
+        if let Some(unseen) = self.unseen_image(&camera, settings.output.channels(), (&scene, &origins), span)? {
+            return Ok(unseen);
+        }
         let is_new = self.scenes.before(&scene).is_none();
         let lowered = self.lowered(&scene, &origins, span)?;
 
@@ -434,6 +437,7 @@ impl Engine {
         let seen_by = camera.relative_to(lowered.scene.description.origin);
         let (slots, inputs): (Vec<Slot>, Vec<Var>) = lowered.slots.iter().chain(&camera.slots).cloned().unzip();
         let is_live = !slots.is_empty();
+        self.may_stray |= is_live;
         self.depends(|d| d.settings.samples |= is_live);
         settings.seed = self.render_seed(own_seed, is_live, span, self.sample_seed);
         let derivative_seed = self.derivative_seed.map(|seed| self.render_seed(own_seed, is_live, span, seed));

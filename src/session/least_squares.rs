@@ -182,6 +182,7 @@ impl Squares {
             values,
             outcome,
             felt: self.felt.clone(),
+            strays: Vec::new(),
         }
     }
 }

@@ -140,6 +140,7 @@ mod tests {
             params: vec![("x".to_owned(), vec![2, 1], vec![1.5, 2.5])],
             ranges: Vec::new(),
             stop: false,
+            kept: Vec::new(),
             chosen: None,
         }
     }

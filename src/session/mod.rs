@@ -7,6 +7,7 @@ pub(crate) mod estimate;
 pub(crate) mod events;
 pub(crate) mod expect;
 pub(crate) mod folder;
+mod kept;
 mod least_squares;
 pub mod line;
 pub(crate) mod log;

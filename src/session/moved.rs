@@ -78,14 +78,17 @@ pub fn moved_params(
     Ok((moved, spaces, notes))
 }
 
-/// Narrows the bounds of a param to the domain of an input that it reaches; says so if they were wider. Numbers that
-/// start outside have more room than others, or are an error of their own, and are left alone.
+/// Narrows the bounds of a param to the domain of an input that it reaches; says so if they were wider. Numbers that start outside of it may come
+/// back, and go no farther away.
 fn kept_inside(space: &mut Space, reached: &Reached, value: &Tensor, name: &str) -> Option<String> {
+    // Numbers that never reach their bounds cannot start on one.
+    let is_interior = space.geometry == Geometry::Interior;
     let inside = |at: usize| reached.part.contains(&value.shape, at);
     let outside = paced(value.data.iter().enumerate(), 1).find(|(at, x)| inside(*at) && !reached.contains(**x));
     let told = outside.map(|(_, start)| {
         let (message, help) = reached.told_outside(name, *start);
-        help.map_or(message.clone(), |help| format!("{message}: {help}"))
+        let held = if is_interior { "" } else { "; it goes no farther away" };
+        help.map_or(format!("{message}{held}"), |help| format!("{message}{held}: {help}"))
     });
     let n = value.len();
     let side = |old: &Option<Vec<f64>>, free: f64| -> Vec<f64> {
@@ -93,22 +96,28 @@ fn kept_inside(space: &mut Space, reached: &Reached, value: &Tensor, name: &str)
         paced(0..n, 1).map(|i| old.map_or(free, |b| b[i % b.len()])).collect()
     };
     let (mut low, mut high) = (side(&space.lower, f64::NEG_INFINITY), side(&space.upper, f64::INFINITY));
-    let mut is_narrowed = false;
-    for at in paced(0..n, 1).filter(|at| inside(*at) && reached.contains(value.data[*at])) {
+    let (mut is_narrowed, mut is_kept) = (false, false);
+    for at in paced(0..n, 1).filter(|at| inside(*at)) {
+        let is_within = reached.contains(value.data[at]);
+        if !is_within && is_interior {
+            continue;
+        }
         let (least, most) = reached.limits(value.data[at]);
         // Bounds that are written may be nearer to an end that does not belong to the domain, and logarithms have none at 0.
         let is_positive = space.geometry == Geometry::Positive && reached.domain.low <= 0.0;
         if low[at] < least && !is_positive && !reached.contains(low[at]) {
             (low[at], is_narrowed) = (least, true);
+            is_kept |= is_within;
         }
         if high[at] > most && !reached.contains(high[at]) {
             (high[at], is_narrowed) = (most, true);
+            is_kept |= is_within;
         }
     }
     if is_narrowed {
         (space.lower, space.upper) = (Some(one_if_equal(low)), Some(one_if_equal(high)));
     }
-    let kept = is_narrowed.then(|| reached.told(name));
+    let kept = is_kept.then(|| reached.told(name));
     match (told, kept) {
         (Some(told), Some(kept)) => Some(format!("{told}; elsewhere {kept}")),
         (told, kept) => told.or(kept),

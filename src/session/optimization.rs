@@ -9,14 +9,15 @@ use super::least_squares::{Squares, put};
 use super::log::{LOGGED_NUMBERS, Range};
 use super::moved::{Moved, moved_params};
 use super::quasi_newton::QuasiNewton;
-use super::retreat::{Footing, NOT_FINITE};
-use super::show::digits;
+use super::retreat::Footing;
 use super::solver::{Method, solver_from};
 use super::stages::{Auto, Plan, blur, plan, starts, with_heats};
 use super::starts::{Chosen, Ended, Starts, assert_drawable};
 use crate::check::hir;
 use crate::diag::Diagnostic;
-use crate::eval::{Engine, EngineState, History, INTERRUPTED, Origin, RenderOverrides, Statistics, StoredHistory, mix};
+use crate::eval::{
+    Engine, EngineState, History, INTERRUPTED, Origin, RenderOverrides, Statistics, StoredHistory, Stray, mix,
+};
 use crate::memory;
 use crate::natives::value::Value;
 use crate::optim::{AutoSamples, GaveUp, GradientNoise, GradientSize, Optimizer, Solver, Space, StepOutcome};
@@ -77,6 +78,8 @@ pub(super) struct Memory {
     pub(super) footing: Option<Footing>,
     /// Where the numbers came from that made the first step be skipped.
     pub(super) origin: Option<Origin>,
+    /// The places of which it was told that steps are shortened there.
+    pub(super) kept: Vec<Span>,
     /// Where the heats of the starts so far ended.
     pub(super) ended: Vec<Ended>,
 }
@@ -107,6 +110,7 @@ impl Memory {
             skipped: 0,
             footing: None,
             origin: None,
+            kept: Vec::new(),
         }
     }
 }
@@ -137,6 +141,8 @@ pub(super) struct Move {
     pub felt: Vec<bool>,
     /// An estimate of the squared gradient of all params without that of its noise; NaN while there is none.
     pub square: f64,
+    /// Inputs that would have left their domains where the solver looked.
+    pub strays: Vec<Stray>,
 }
 
 /// What happened in one step.
@@ -173,6 +179,8 @@ pub struct StepReport {
     pub ranges: Vec<(String, Range)>,
     /// The `stop_when` of the stage holds.
     pub stop: bool,
+    /// What is to be said of inputs whose domains have shortened it.
+    pub(crate) kept: Vec<String>,
     /// After this step, the best of several starts was taken up.
     pub chosen: Option<Chosen>,
 }
@@ -223,8 +231,8 @@ impl Optimization {
         let over = self.stages.get(self.entered).and_then(|stage| stage.over.as_deref());
         let (params, spaces, notes) = moved_params(engine, &self.optimize, over)?;
         let (skipped, felt) = (self.memory.skipped, std::mem::take(&mut self.memory.felt));
-        let ended = std::mem::take(&mut self.memory.ended);
-        self.memory = Memory { skipped, felt, ended, ..Memory::new(&spaces) };
+        let (ended, kept) = (std::mem::take(&mut self.memory.ended), std::mem::take(&mut self.memory.kept));
+        self.memory = Memory { skipped, felt, ended, kept, ..Memory::new(&spaces) };
         for param in &params {
             self.memory.felt.entry(param.name.clone()).or_insert(false);
         }
@@ -330,6 +338,11 @@ impl Optimization {
         self.stages.iter().map(|stage| (stage.name.as_deref(), stage.until))
     }
 
+    /// The names of the params that move.
+    pub(super) fn moving(&self) -> impl Iterator<Item = &str> {
+        self.params.iter().map(|param| &*param.name)
+    }
+
     /// The params that move, by name, with their shapes and where they may go.
     pub fn bounded(&self) -> impl Iterator<Item = (&str, &[usize], &Space)> {
         self.params.iter().zip(&self.spaces).map(|(param, space)| (&*param.name, &*param.shape, space))
@@ -363,49 +376,6 @@ impl Optimization {
     pub fn losses(&self) -> Option<(f64, f64)> {
         let finite = || self.losses.iter().copied().filter(|x| x.is_finite());
         Some((finite().next()?, finite().next_back()?))
-    }
-
-    /// Params that could not move: their derivative was exactly 0 in every step.
-    pub fn unfelt(&self) -> Option<Diagnostic> {
-        let unfelt = self.memory.felt.iter().filter(|(_, felt)| !**felt);
-        let names: Vec<String> = unfelt.map(|(name, _)| format!("`{name}`")).collect();
-        if names.is_empty() || self.done == 0 {
-            return None;
-        }
-        let (steps, name) = (self.done, &self.optimize.name);
-        let message =
-            format!("the derivative of `{name}` with respect to {} was 0 in all {steps} steps", names.join(", "));
-        Some(
-            Diagnostic::warning("dscene::gradient::zero", message)
-                .label(self.optimize.loss.span, "does not feel it")
-                .help("is it in view, lit, and within reach of what the loss compares?"),
-        )
-    }
-
-    /// The steps that were skipped, if there were any: an error if nothing else was done.
-    pub fn not_taken(&self) -> Option<Diagnostic> {
-        let (skipped, done, name) = (self.skipped(), self.done, &self.optimize.name);
-        if skipped == 0 || done == 0 {
-            return None;
-        }
-        let what = format!(
-            "of `{name}` {} skipped: what they would have followed is not finite",
-            if skipped == 1 { "was" } else { "were" }
-        );
-        let told = if skipped >= done {
-            Diagnostic::error(NOT_FINITE, format!("all {done} steps {what}"))
-        } else {
-            Diagnostic::warning("dscene::gradient::skipped", format!("{skipped} of {done} steps {what}"))
-        };
-        Some(self.with_origin(told))
-    }
-
-    /// Says where numbers came from that are not finite.
-    fn with_origin(&self, told: Diagnostic) -> Diagnostic {
-        match &self.memory.origin {
-            Some(origin) => told.label(origin.span, origin.text.clone()).label(self.optimize.loss.span, "in this loss"),
-            None => told.label(self.optimize.loss.span, "the derivative of this"),
-        }
     }
 
     /// No step follows.
@@ -567,6 +537,7 @@ impl Optimization {
                 return Err(self.gave_up(&gave_up, &whose, &here, lr));
             }
         };
+        let mut kept = Vec::new();
         if skipped.is_none() {
             self.memory.footing = Some(Footing { step: self.done, values: here, rate: lr });
             if engine.stoppable(|| paced(moved.values.iter().flatten(), 1).any(|x| !x.is_finite()))? {
@@ -576,7 +547,8 @@ impl Optimization {
                     Diagnostic::error("dscene::run::diverged", message).label(self.optimize.span, "stopped here")
                 );
             }
-            put(engine, targets, moved.values)?;
+            kept = self.tell_strays(&moved.strays);
+            kept.extend(self.move_to(engine, targets, moved.values)?);
         } else {
             self.find_origin(engine);
         }
@@ -607,6 +579,7 @@ impl Optimization {
             params: logged,
             ranges,
             stop,
+            kept,
             chosen: None,
         };
         self.done += 1;
@@ -692,7 +665,16 @@ impl Optimization {
             let sizes = self.sizes(&values, &grads, gradient.is_noisy);
             (felt, sizes, self.memory.optimizer.step(&mut values, &grads, lr, clip))
         })?;
-        Ok(Move { loss: gradient.value, loss_error: None, gradients, values, outcome, felt, square })
+        Ok(Move {
+            loss: gradient.value,
+            loss_error: None,
+            gradients,
+            values,
+            outcome,
+            felt,
+            square,
+            strays: Vec::new(),
+        })
     }
 
     /// How large gradients are, with their errors, and the square of all of them together.
@@ -738,40 +720,6 @@ impl Optimization {
         };
         engine.set_loss(loss, square);
         Ok(matches!(engine.eval(condition)?, Value::Bool(true)))
-    }
-
-    /// Looks once for where numbers came from that are not finite.
-    fn find_origin(&mut self, engine: &mut Engine) {
-        if self.memory.origin.is_none() {
-            self.memory.origin = engine.origin(&self.optimize.loss);
-        }
-    }
-
-    /// Why the loop ends, at these values of the params.
-    fn gave_up(&self, gave_up: &GaveUp, names: &[String], values: &[Vec<f64>], rate: f64) -> Diagnostic {
-        let (many, step, name) = (gave_up.in_a_row, self.done, self.name());
-        let why = match &self.memory.origin {
-            _ if names.is_empty() => "the learning rate is not finite".to_owned(),
-            Some(_) => "the loss is not finite".to_owned(),
-            None => "the gradient is not finite".to_owned(),
-        };
-        let at = names.iter().zip(gave_up.params.iter().filter_map(|&i| values.get(i)));
-        let at: Vec<String> = at
-            .take(3)
-            .map(|(name, value)| match value[..] {
-                [x] => format!("`{name}` = {}", digits(x)),
-                _ => format!("`{name}`"),
-            })
-            .collect();
-        let at = if at.is_empty() { String::new() } else { format!(" at {}", at.join(", ")) };
-        let rate = digits(rate);
-        let message = format!("{why}{at} in {many} steps in a row of `{name}`, up to step {step} at rate {rate}");
-        let help = if self.memory.footing.is_none() {
-            "it was never finite: mend the expression that is marked, or bound the param with `in lo..hi`"
-        } else {
-            "lower the rate, or bound the param with `in lo..hi`; the params are those of the last step taken"
-        };
-        self.with_origin(Diagnostic::error(NOT_FINITE, message)).help(help)
     }
 }
 

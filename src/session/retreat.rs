@@ -1,5 +1,5 @@
 //! Handles an error of an optimisation whose params left the domain of the loss: the params of the last good step are restored, and the
-//! user is told which step moved which param where.
+//! user is told which step moved which param where. Also says why steps were not taken, and which params felt none.
 
 use serde::{Deserialize, Serialize};
 
@@ -9,6 +9,7 @@ use super::show::digits;
 use crate::check::hir::Target;
 use crate::diag::Diagnostic;
 use crate::eval::Engine;
+use crate::optim::GaveUp;
 use crate::tape::Tensor;
 
 /// The params of the last step whose loss and derivatives were finite, and the rate of the update that followed.
@@ -101,5 +102,89 @@ impl Optimization {
         let which = if now[chosen].len() > 1 { format!("number {element} of `{name}`") } else { format!("`{name}`") };
         let (from, to) = (footing.values[chosen][element], now[chosen][element]);
         Some(format!("{which} from {} to {}", digits(from), digits(to)))
+    }
+
+    /// Params that could not move: their derivative was exactly 0 in every step.
+    pub fn unfelt(&self, engine: &mut Engine) -> Option<Diagnostic> {
+        let unfelt = self.memory.felt.iter().filter(|(_, felt)| !**felt);
+        let names: Vec<String> = unfelt.map(|(name, _)| format!("`{name}`")).collect();
+        if names.is_empty() || self.done() == 0 {
+            return None;
+        }
+        let (steps, name) = (self.done(), self.name());
+        let message =
+            format!("the derivative of `{name}` with respect to {} was 0 in all {steps} steps", names.join(", "));
+        let targets = self.targets();
+        let edges = engine.edges(&self.loss(), &targets);
+        let is_unfelt = |target: &Target| self.memory.felt.get(&engine.target_name(target)) == Some(&false);
+        let edge = targets.iter().zip(edges).find_map(|(target, edge)| edge.filter(|_| is_unfelt(target)));
+        let told = Diagnostic::warning("dscene::gradient::zero", message).label(self.loss().span, "does not feel it");
+        Some(match edge {
+            Some(edge) => told.help(format!(
+                "it goes through {edge}, where the slope is infinite and its derivative counts as 0: start beside that, or keep away from it, as \
+                 `sqrt(x + 1e-9)` does"
+            )),
+            None => told.help("is it in view, lit, and within reach of what the loss compares?"),
+        })
+    }
+
+    /// The steps that were skipped, if there were any: an error if nothing else was done.
+    pub fn not_taken(&self) -> Option<Diagnostic> {
+        let (skipped, done, name) = (self.skipped(), self.done(), self.name());
+        if skipped == 0 || done == 0 {
+            return None;
+        }
+        let what = format!(
+            "of `{name}` {} skipped: what they would have followed is not finite",
+            if skipped == 1 { "was" } else { "were" }
+        );
+        let told = if skipped >= done {
+            Diagnostic::error(NOT_FINITE, format!("all {done} steps {what}"))
+        } else {
+            Diagnostic::warning("dscene::gradient::skipped", format!("{skipped} of {done} steps {what}"))
+        };
+        Some(self.with_origin(told))
+    }
+
+    /// Says where numbers came from that are not finite.
+    fn with_origin(&self, told: Diagnostic) -> Diagnostic {
+        match &self.memory.origin {
+            Some(origin) => told.label(origin.span, origin.text.clone()).label(self.loss().span, "in this loss"),
+            None => told.label(self.loss().span, "the derivative of this"),
+        }
+    }
+
+    /// Looks once for where numbers came from that are not finite.
+    pub(super) fn find_origin(&mut self, engine: &mut Engine) {
+        if self.memory.origin.is_none() {
+            self.memory.origin = engine.origin(&self.loss());
+        }
+    }
+
+    /// Why the loop ends, at these values of the params.
+    pub(super) fn gave_up(&self, gave_up: &GaveUp, names: &[String], values: &[Vec<f64>], rate: f64) -> Diagnostic {
+        let (many, step, name) = (gave_up.in_a_row, self.done(), self.name());
+        let why = match &self.memory.origin {
+            _ if names.is_empty() => "the learning rate is not finite".to_owned(),
+            Some(_) => "the loss is not finite".to_owned(),
+            None => "the gradient is not finite".to_owned(),
+        };
+        let at = names.iter().zip(gave_up.params.iter().filter_map(|&i| values.get(i)));
+        let at: Vec<String> = at
+            .take(3)
+            .map(|(name, value)| match value[..] {
+                [x] => format!("`{name}` = {}", digits(x)),
+                _ => format!("`{name}`"),
+            })
+            .collect();
+        let at = if at.is_empty() { String::new() } else { format!(" at {}", at.join(", ")) };
+        let rate = digits(rate);
+        let message = format!("{why}{at} in {many} steps in a row of `{name}`, up to step {step} at rate {rate}");
+        let help = if self.memory.footing.is_none() {
+            "it was never finite: mend the expression that is marked, or bound the param with `in lo..hi`"
+        } else {
+            "lower the rate, or bound the param with `in lo..hi`; the params are those of the last step taken"
+        };
+        self.with_origin(Diagnostic::error(NOT_FINITE, message)).help(help)
     }
 }

@@ -285,7 +285,7 @@ impl<'a> Runner<'a> {
             self.report.failed_optimizations += u64::from(told.is_error());
             self.tell(&told);
         }
-        if let (Ok(Flow::Continue), Some(warning)) = (&flow, optimization.unfelt()) {
+        if let (Ok(Flow::Continue), Some(warning)) = (&flow, optimization.unfelt(self.engine)) {
             self.tell(&warning);
         }
         // An error that ended the steps has told where they led.
@@ -349,6 +349,7 @@ impl<'a> Runner<'a> {
             self.tell_warnings();
             taken += 1;
             seconds += report.seconds;
+            report.kept.iter().for_each(|kept| self.remark(kept.clone()));
             if let Some(chosen) = &report.chosen {
                 self.world.note(&chosen.told());
             }

@@ -95,7 +95,7 @@ impl Optimization {
         let new = Memory::new(&self.spaces);
         let old = std::mem::replace(&mut self.memory, new);
         (self.memory.felt, self.memory.skipped, self.memory.origin) = (old.felt, old.skipped, old.origin);
-        self.memory.ended = old.ended;
+        (self.memory.ended, self.memory.kept) = (old.ended, old.kept);
         if start < count {
             let seed = mix(engine.options().seed, start);
             let draw =

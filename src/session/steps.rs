@@ -124,7 +124,7 @@ impl Script {
             steps.report.failed_optimizations += u64::from(told.is_error());
             world.diagnostic(&told, &sources);
         }
-        if let Some(warning) = steps.optimization.unfelt() {
+        if let Some(warning) = steps.optimization.unfelt(self.engine_mut()?) {
             world.diagnostic(&warning, &sources);
         }
         let first = |numbers: &[f64], or: f64| numbers.first().copied().unwrap_or(or);

@@ -1,6 +1,8 @@
-//! What params are kept inside of, because inputs of the library take nothing else.
+//! What params are kept inside of, because inputs of the library take nothing else: known before a run, and found by its steps.
 
 use dscene::check::{self, Checked, Disk};
+use dscene::eval::{Engine, EngineOptions};
+use dscene::session::{Recorder, Runner};
 
 /// A script with a param and what makes something of it, and what is noted of that.
 fn told_of(param: &str, script: &str) -> (String, Vec<String>) {
@@ -87,6 +89,14 @@ fn what_params_are_kept_inside_of_is_known_before_a_run() {
             shape("diffuse(r)"),
             "`r` starts at 1.5, with which the `reflectance` of `diffuse` is not from 0 to 1",
         ),
+        (
+            "r = 1 + 0.5 * other_start",
+            format!("let other_start = 1\n{}", shape("diffuse(r)")),
+            "`r` starts at 1.5, with which the `reflectance` of `diffuse` is not from 0 to 1",
+        ),
+        ("r = 1.5 { space: positive }", shape("diffuse(r)"), "`r` starts at 1.5, with which the `reflectance`"),
+        ("r = 1.5 ~ normal(1, 0.3)", shape("diffuse(r)"), "`r` starts at 1.5, with which the `reflectance`"),
+        ("r = 0.5 ~ normal(1, 0.3)", shape("diffuse(r)"), ""),
         ("r = 0.5 in -1..2", shape("diffuse(r)"), reflectance),
         // What says nothing of a param, or of this one.
         ("r = 0.5", "let all = [0.5, r]\nlet x = phong(roughness: all[0])".to_owned(), ""),
@@ -169,4 +179,131 @@ fn slices_keep_their_own_items_inside() {
         let [one] = reached[&program.find("r").unwrap()].as_slice() else { panic!("{slice}: {reached:#?}") };
         assert_eq!([0, 1, 2, 3, 4].map(|i| one.part.contains(&[5], i)), parts, "{slice}");
     }
+}
+
+/// Runs a script with a ball whose `mesh` or `material` is of params, and gives what is noted and told.
+fn ran(script: &str) -> (Vec<String>, Recorder) {
+    let text = format!("camera eye {{ film: [4, 4] }}\nlight sky = constant(1)\n{script}\n");
+    let Checked { program, diagnostics, .. } = check::check_text("test.dscene", None, &text, &[], &Disk);
+    let program = program.unwrap_or_else(|| panic!("{text}: {diagnostics:#?}"));
+    let actions = program.actions.clone();
+    let mut engine = Engine::new(program, EngineOptions { base_dir: ".".into(), ..Default::default() });
+    let mut world = Recorder::default();
+    let mut runner = Runner::new(&mut engine, &mut world);
+    let _flow = runner.run(&actions).unwrap_or_else(|e| panic!("{text}: {e:#?}"));
+    assert!(runner.report.is_success(), "{text}: {:#?} {:#?}", world.notes, world.diagnostics);
+    let notes = world.notes.iter().filter(|note| note.contains("would")).cloned().collect();
+    (notes, world)
+}
+
+/// Whatever an input is computed from, and whatever solver moves that, steps end where the input has a meaning; the run goes on, and says so once.
+#[test]
+fn steps_keep_inputs_inside_that_are_no_straight_line() {
+    let ball = |material: &str| format!("shape ball {{ mesh: sphere(), material: {material} }}");
+    let sized = |radius: &str| format!("shape ball {{ mesh: sphere(radius: {radius}), material: diffuse(0.5) }}");
+    let both = "param p = 0.8\nparam q = 0.9\n";
+    // The params and what becomes of them, what is to grow, what stays true, and what is told.
+    let rows = [
+        (both, ball("diffuse(p * q)"), "p + q", "p * q > 0.9 and p * q <= 1", "`reflectance` of `diffuse`"),
+        (
+            "param p = [0.4, 0.5]\n",
+            ball("diffuse(p[0] + p[1])"),
+            "sum(p)",
+            "sum(p) > 0.9 and sum(p) <= 1",
+            "`reflectance`",
+        ),
+        ("param p = 0.5\n", ball("diffuse(exp(-p))"), "-p", "p >= 0 and p < 0.1", "`reflectance`"),
+        (
+            "param p = 0.8\n",
+            ball("conductor(roughness: p ^ 2)"),
+            "p",
+            "p > 0.9 and p <= 1",
+            "`roughness` of `conductor`",
+        ),
+        ("param p = 0.8\n", ball("diffuse(max(p, 0))"), "p", "p > 0.9 and p <= 1", "`reflectance`"),
+        ("param p = 0.1\n", ball("diffuse(0.6 + 0.5 * sin(p * 0.5rad))"), "p", "p > 1 and p < 1.86", "`reflectance`"),
+        (both, ball("diffuse(mix(p, q, p))"), "p + q", "mix(p, q, p) > 0.9 and mix(p, q, p) <= 1", "`reflectance`"),
+        (
+            both,
+            format!("fn skin(x) = {{ gloss: x * q }}\n{}", ball("phong(roughness: skin(p).gloss)")),
+            "p + q",
+            "p * q <= 1",
+            "`roughness`",
+        ),
+        (both, ball("mask(diffuse(0.5), opacity: p * q)"), "p + q", "p * q <= 1", "`opacity` of `mask`"),
+        (both, ball("dielectric(ior: 1.5 + p - q ^ 2)"), "q", "q > 1 and q ^ 2 <= 0.5 + p", "`ior` of `dielectric`"),
+        (both, sized("0.5 + p - q ^ 2"), "q", "q > 1 and q ^ 2 < 0.5 + p", "`radius` of `sphere`"),
+    ];
+    for (params, scene, grows, holds, told) in rows {
+        for solver in ["sgd(lr: 0.3)", "adam(lr: 0.2)", "lbfgs(first: 0.5)", "levenberg_marquardt()"] {
+            // A sum of squares falls as what is to grow comes nearer to what it never reaches.
+            let script = format!(
+                "{params}{scene}\nloss l = 0.25 * ({grows} - 4) ^ 2 + mean((0 * render(eye, spp: 1)) ^ 2)\n\
+                 optimize l {{ using: {solver}, steps: 12 }}\nexpect {holds}\n"
+            );
+            let (notes, world) = ran(&script);
+            assert!(notes.len() == 1 && notes[0].contains(told), "{script}: {notes:#?}");
+            assert!(
+                !world.diagnostics.iter().any(|d| d.message.contains("comes to")),
+                "{script}: {:#?}",
+                world.diagnostics
+            );
+        }
+    }
+}
+
+/// Of a param of many numbers only those stay that an input depends on where it would leave its domain.
+#[test]
+fn only_numbers_that_would_lead_outside_take_shorter_steps() {
+    let script = "param p = [0.9, 0.5, 0.1]\nparam away = 0\nshape ball { mesh: sphere(), material: diffuse(p ^ 2) }\n\
+                  loss l = -sum(p) - away + 0 * mean(render(eye, spp: 1))\noptimize l { using: sgd(lr: 0.2), steps: 2 }\n\
+                  expect p[0] > 0.9 and p[0] <= 1 and abs(p[1] - 0.9) < 1e-9 and abs(p[2] - 0.5) < 1e-9\n\
+                  expect abs(away - 0.4) < 1e-9";
+    let (notes, _) = ran(script);
+    assert!(notes.len() == 1 && notes[0].contains("`p` goes as far as it stays so"), "{notes:#?}");
+}
+
+/// What is no input but leads to an error, such as a field of view of nothing, is no place to go to either.
+#[test]
+fn steps_lead_to_no_error() {
+    let script = "param q = 2\ncamera c { position: [0, 0, q ^ 2 - 1], look_at: [0, 0, 0], film: [4, 4] }\n\
+                  shape ball { mesh: sphere() |> scale(0.1), material: diffuse(0.5) }\n\
+                  light lamp = spot([0, 3, 0], direction: [0, -1, 0], intensity: 1, beam: 30deg, cutoff: 31deg * q)\n\
+                  loss l = q + 0 * mean(render(c, spp: 1))\noptimize l { using: sgd(lr: 0.4), steps: 6 }\n\
+                  expect q > 30 / 31 and q < 1.2";
+    let (notes, _) = ran(script);
+    assert!(notes.iter().any(|note| note.contains("would lead to where it has no value")), "{notes:#?}");
+}
+
+/// What is outside from the beginning may stay there, and what `where` leaves out is nowhere.
+#[test]
+fn steps_are_not_shortened_for_what_they_do_not_change() {
+    let outside = "param p = 1.2\nparam q = 1.1\nshape ball { mesh: sphere(), material: diffuse(p * q) }\n\
+                   loss l = (p - 1.4) ^ 2 + 0 * mean(render(eye, spp: 1))\noptimize l { using: sgd(lr: 0.25), steps: 2 }\n\
+                   expect abs(p - 1.35) < 1e-9";
+    assert_eq!(ran(outside).0, Vec::<String>::new());
+    let chosen = "param p = [0.5, 0.1]\nloss l = sum(where(p * p[0] > 0, log(max(p * p[0], 1e-3)), p))\n\
+                  optimize l { using: sgd(lr: 0.01), steps: 2 }";
+    assert_eq!(ran(chosen).0, Vec::<String>::new());
+}
+
+/// Derivatives that count as 0 because they are infinite are told from those of what is not in view.
+#[test]
+fn where_nothing_moves_since_a_slope_is_infinite_the_edge_is_named() {
+    for (loss, edge) in [
+        ("sqrt(x ^ 2)", "through a square root of 0"),
+        ("norm([x, 2 * x])", "through a square root of 0"),
+        ("(x ^ 0.5 - 1) ^ 2", "through a power of 0"),
+        ("(acos(x + 1) / 1rad - 1) ^ 2", "through the arccosine of 1"),
+    ] {
+        let (_, world) = ran(&format!("param x = 0\nloss l = {loss}\noptimize l {{ steps: 2 }}"));
+        let told: Vec<&String> = world.diagnostics.iter().flat_map(|d| &d.helps).collect();
+        assert!(told.iter().any(|help| help.contains(edge)), "{loss}: {:#?}", world.diagnostics);
+    }
+    let (_, world) = ran("param x = 1.5\nloss l = (max(x, 2) - 3) ^ 2 + 0 * sqrt(x)\noptimize l { steps: 2 }");
+    assert!(
+        !world.diagnostics.iter().any(|d| d.helps.iter().any(|help| help.contains("infinite"))),
+        "{:#?}",
+        world.diagnostics
+    );
 }

@@ -165,6 +165,28 @@ impl Space {
         if self.preconditioner.is_some() { Vec::new() } else { stuck }
     }
 
+    /// A value on the way from one to another: after these shares of it, one for each number. Those of a rotation or a unit vector are the same.
+    pub fn between(&self, from: &[f64], to: &[f64], shares: &[f64]) -> Vec<f64> {
+        // All of the way is the other value to the bit.
+        let along = paced(from.iter().zip(to).zip(shares), 1);
+        let along = along.map(|((a, b), share)| if *share == 1.0 { *b } else { a + (share * b - share * a) });
+        let along: Vec<f64> = along.collect();
+        if shares.iter().all(|share| *share == 1.0 || *share == 0.0) {
+            return along;
+        }
+        match self.geometry {
+            Geometry::Rotation => {
+                let nearest = |m: &[f64]| <[f64; 9]>::try_from(m).map(|m| orthonormalized(&m).to_vec());
+                nearest(&along).unwrap_or(along)
+            }
+            Geometry::Unit => by_threes(&along, &along, |v, _| {
+                let length = dot(v, v).sqrt();
+                [0, 1, 2].map(|k| if length > 0.0 { v[k] / length } else { v[k] })
+            }),
+            _ => along,
+        }
+    }
+
     /// How far an element went, in the optimiser's coordinates: of one that a bound has stopped.
     pub fn distance(&self, before: &[f64], after: &[f64], index: usize) -> f64 {
         let (lower, upper) = self.bounds_at(index);

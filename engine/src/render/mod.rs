@@ -45,5 +45,5 @@ pub use material::*;
 pub use motion::{render, render_until};
 pub use pixel_filter::PixelFilter;
 pub use scene::*;
-pub use validate::{SceneError, validate_camera};
+pub use validate::{SceneError, validate as validate_scene, validate_camera};
 pub use world::{Scene, World};

@@ -120,7 +120,7 @@ pub fn validate_camera(camera: &Camera) -> Result<(), SceneError> {
 }
 
 /// An error for scenes that cannot be rendered.
-pub(super) fn validate(description: &SceneDescription) -> Result<(), SceneError> {
+pub fn validate(description: &SceneDescription) -> Result<(), SceneError> {
     for (i, shape) in description.shapes.iter().enumerate() {
         let checked = validate_mesh(&shape.mesh, description.origin.as_vec3());
         let checked = checked.and_then(|()| validate_inputs(shape, &description.textures));

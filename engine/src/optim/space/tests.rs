@@ -278,3 +278,21 @@ fn numbers_next_to_a_bound_are_those_of_single_precision() {
     assert!((least as f32) > 0.1_f32 - f32::EPSILON && least > 0.1 && most as f32 == 1.0_f32.next_down());
     assert_eq!(inside(f64::NEG_INFINITY, f64::INFINITY), (f64::NEG_INFINITY, f64::INFINITY));
 }
+
+#[test]
+fn what_lies_between_two_values_is_one_of_the_space() {
+    let shares = [0.25, 1.0, 0.0];
+    assert_eq!(Space::plain().between(&[0.0, 1.0, 3.0], &[4.0, 0.1, 7.0], &shares), [1.0, 0.1, 3.0]);
+    // Neither overflows, nor moves what stays.
+    let (low, high) = (f64::MIN, f64::MAX);
+    assert_eq!(Space::plain().between(&[low, 0.1], &[high, 0.1], &[0.5, 0.3]), [0.0, 0.1]);
+    let rotation = Space { geometry: Geometry::Rotation, ..Space::plain() };
+    let (from, to) = (rotation_about([0.0, 1.0, 0.0], 0.0), rotation_about([0.0, 1.0, 0.0], 1.0));
+    let half = rotation.between(&from, &to, &[0.5; 9]);
+    for (x, wanted) in half.iter().zip(rotation_about([0.0, 1.0, 0.0], 0.5)) {
+        assert!((x - wanted).abs() < 1e-12, "{half:?}");
+    }
+    let unit = Space { geometry: Geometry::Unit, ..Space::plain() };
+    let half = unit.between(&[1.0, 0.0, 0.0], &[0.0, 1.0, 0.0], &[0.5; 3]);
+    assert!((half[0] - half[1]).abs() < 1e-12 && (dot(&half, &half) - 1.0).abs() < 1e-12, "{half:?}");
+}
