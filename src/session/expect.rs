@@ -1,8 +1,8 @@
 //! Whether what a script expects holds, and if not, why: with the values that were compared.
 
 use super::run::shortened;
-use crate::check::hir;
 use crate::check::types::Ty;
+use crate::check::{hir, walk};
 use crate::diag::Diagnostic;
 use crate::eval::{self, Engine};
 use crate::natives::deviation;
@@ -61,8 +61,8 @@ fn failure(engine: &mut Engine, condition: &hir::Expr) -> Result<Option<Failure>
             None => failure(engine, right),
         },
         hir::ExprKind::Binary { op: op @ (Eq | Ne | Lt | Le | Gt | Ge), left, right } => {
-            if is_true(&engine.eval(condition)?) {
-                return Ok(None);
+            if let Holds::Yes(infinity) = holds(engine, condition)? {
+                return Ok(infinity);
             }
             let symbol = match op {
                 Eq => "==",
@@ -76,8 +76,8 @@ fn failure(engine: &mut Engine, condition: &hir::Expr) -> Result<Option<Failure>
             Ok(Some(Failure { how: format!("{a} {symbol} {b} is false"), labels }))
         }
         hir::ExprKind::Near { left, right, tolerance, relative } => {
-            if is_true(&engine.eval(condition)?) {
-                return Ok(None);
+            if let Holds::Yes(infinity) = holds(engine, condition)? {
+                return Ok(infinity);
             }
             let ([a, b], labels) = sides(engine, left, right, true)?;
             let within = engine.program().sources.text(tolerance.span).to_owned();
@@ -88,9 +88,38 @@ fn failure(engine: &mut Engine, condition: &hir::Expr) -> Result<Option<Failure>
             let how = format!("{a} ≈ {b} within {} is false: {by}", shortened(&within));
             Ok(Some(Failure { how, labels }))
         }
-        _ if is_true(&engine.eval(condition)?) => Ok(None),
-        _ => Ok(Some(Failure { how: String::new(), labels: vec![(condition.span, "is false".to_owned())] })),
+        _ => match holds(engine, condition)? {
+            Holds::Yes(infinity) => Ok(infinity),
+            Holds::No => {
+                Ok(Some(Failure { how: String::new(), labels: vec![(condition.span, "is false".to_owned())] }))
+            }
+        },
     }
+}
+
+/// Whether a condition is true.
+enum Holds {
+    /// It is, but shows nothing if there is a failure with it.
+    Yes(Option<Failure>),
+    No,
+}
+
+/// Whether a condition is true. What compares an infinity is true or false whatever was expected: that came from a division by 0, or from a number
+/// that was too large.
+fn holds(engine: &mut Engine, condition: &hir::Expr) -> Result<Holds, Diagnostic> {
+    let (value, infinite) = engine.eval_noting_infinities(condition)?;
+    if !is_true(&value) {
+        return Ok(Holds::No);
+    }
+    let Some(span) = infinite.first().copied() else { return Ok(Holds::Yes(None)) };
+    let mut labels = vec![(span, "this is infinite".to_owned())];
+    let mut sides = Vec::new();
+    walk(condition, &mut |e| sides.extend((e.span == span && sides.is_empty()).then(|| e.clone())));
+    if let Some(origin) = sides.first().and_then(|side| engine.origin(side)).filter(|origin| origin.span != span) {
+        labels.push((origin.span, format!("it came from here: {}", origin.text)));
+    }
+    let how = "a comparison with an infinity shows nothing".to_owned();
+    Ok(Holds::Yes(Some(Failure { how, labels })))
 }
 
 /// What is shown of both sides of a comparison, and labels.

@@ -85,6 +85,32 @@ fn arrays_images_and_rotations_are_as_near_as_their_largest_deviation() {
     );
 }
 
+/// What is infinite came from a division by 0 or was too large, and is more than any number whatever was expected.
+#[test]
+fn infinities_show_nothing() {
+    let k = "let k = sum(noise([1]) ^ 0) - 1\n";
+    let from_here = "this is infinite; it came from here: this is infinite";
+    for (condition, labels) in [
+        ("1 / k > 3", "this is infinite"),
+        ("1/0 > 3", "this is infinite"),
+        ("3 < 1e308 * (k + 10)", "this is infinite"),
+        ("not 1 / k < 3", "this is infinite"),
+        ("k == 0 and -1 / k < 0", "this is infinite"),
+        ("all([1, 1 / k] > 0)", "this is infinite; it came from here: this is infinite"),
+        ("over > 3", from_here),
+    ] {
+        let script = format!("{k}let over = 2 * (1 / k)\nexpect {condition}");
+        fails(&script, &format!("expectation failed: a comparison with an infinity shows nothing [{labels}]"));
+    }
+    holds(&format!("{k}expect k == 0 or 1 / k < 3"));
+    holds(&format!("{k}expect (if k == 0 then 5 else 1 / k) > 3"));
+    holds(&format!("{k}let far = 1 / k\nfn is_far(x) = x > 3\nexpect is_far(far)"));
+    // Sorted, indexed and to the power of 0 a NaN is still none.
+    for nan in ["(0 / k) ^ 0 == 1", "1 ^ (0 / k) == 1", "pow(0 / k, 0) == 1"] {
+        assert!(failures(&format!("{k}expect {nan}"))[0].contains("NaN"), "{nan}");
+    }
+}
+
 #[test]
 fn nan_is_near_to_nothing() {
     for script in ["expect 0 / 0 ≈ 0 within 1%", "expect [1, 0 / 0] ≈ [1, 0] within 1e300", "expect 1 ≈ 1 within 0 / 0"]
