@@ -3,5 +3,8 @@
 #[allow(dead_code)]
 #[path = "../../tests/common/properties.rs"]
 mod properties;
+#[allow(dead_code)]
+#[path = "../../tests/common/typed.rs"]
+mod typed;
 
 libfuzzer_sys::fuzz_target!(|text: &str| properties::checker(text));

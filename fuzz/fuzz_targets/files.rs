@@ -4,6 +4,9 @@
 #[allow(dead_code)]
 #[path = "../../tests/common/properties.rs"]
 mod properties;
+#[allow(dead_code)]
+#[path = "../../tests/common/typed.rs"]
+mod typed;
 
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
     let Some((first, bytes)) = bytes.split_first() else { return };

@@ -3,6 +3,9 @@
 #[allow(dead_code)]
 #[path = "../../tests/common/properties.rs"]
 mod properties;
+#[allow(dead_code)]
+#[path = "../../tests/common/typed.rs"]
+mod typed;
 
 libfuzzer_sys::fuzz_target!(|text: &str| {
     properties::formatter(text);

@@ -4,6 +4,9 @@
 #[allow(dead_code)]
 #[path = "../../tests/common/properties.rs"]
 mod properties;
+#[allow(dead_code)]
+#[path = "../../tests/common/typed.rs"]
+mod typed;
 
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
     if bytes.starts_with(b"Content-") {

@@ -3,15 +3,22 @@
 
 use std::io;
 use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc;
+use std::time::Duration;
 
-use dscene::check::{Loader, check_text};
+use dscene::check::{Loader, check_text, hir};
 use dscene::data::{npy, safetensors, table};
 use dscene::diag::{Diagnostic, RenderOptions, render_all, to_json};
+use dscene::eval::{Engine, EngineOptions, INTERRUPTED, RenderOverrides, on_large_stack};
 use dscene::image::file::{self, Encoding};
 use dscene::mesh::load::{Wanted, load, load_cameras};
 use dscene::source::{SourceMap, Span};
 use dscene::syntax;
 use serde_json::{Value, json};
+
+use crate::typed::disagreement;
 
 /// A disk without files.
 struct Nothing;
@@ -67,6 +74,57 @@ pub fn checker(text: &str) {
     let checked = check_text("fuzzed.dscene", None, text, &[], &Nothing);
     assert_eq!(checked.program.is_none(), checked.diagnostics.iter().any(Diagnostic::is_error));
     assert_told(&checked.diagnostics, &checked.sources);
+}
+
+/// How long a program is evaluated before it is asked to end.
+const LONG_ENOUGH: Duration = Duration::from_millis(200);
+
+/// Everything that a checked program declares has a value of its type, or an error that is none of types; evaluation ends soon after it is asked
+/// to. Renderings are of a hundredth of their films' width and height, with one sample a pixel. Whether there was a program.
+pub fn evaluator(text: &str) -> bool {
+    let checked = check_text("fuzzed.dscene", None, text, &[], &Nothing);
+    let (Some(program), sources) = (checked.program, checked.sources) else { return false };
+    let interrupt = Arc::new(AtomicBool::new(false));
+    let options =
+        EngineOptions { base_dir: "/nowhere".into(), interrupt: Some(interrupt.clone()), ..EngineOptions::default() };
+    let mut engine = Engine::new(program, options);
+    let overrides = RenderOverrides { spp: Some(1), film_scale: Some(0.01), ..RenderOverrides::default() };
+    engine.set_render_overrides(overrides);
+    // Asked to end after a while, unless that was told before to be over.
+    let (over, wait) = mpsc::channel::<()>();
+    std::thread::scope(|scope| {
+        scope.spawn(move || {
+            if wait.recv_timeout(LONG_ENOUGH) == Err(mpsc::RecvTimeoutError::Timeout) {
+                interrupt.store(true, Ordering::Relaxed);
+            }
+        });
+        on_large_stack(|| assert_values(&mut engine, &sources));
+        drop(over);
+    });
+    true
+}
+
+fn assert_values(engine: &mut Engine, sources: &SourceMap) {
+    let ids: Vec<hir::DeclId> = engine.program().ids().filter(|id| engine.program().decl(*id).user).collect();
+    for id in ids {
+        let decl = engine.program().decl(id);
+        if matches!(decl.kind, hir::DeclKind::Fn(_)) {
+            continue;
+        }
+        let (name, ty) = (decl.name.clone(), decl.ty.clone());
+        match engine.eval_decl(id) {
+            Ok(value) => {
+                let why = disagreement(&ty, &value);
+                assert!(why.is_none(), "`{name}` should be `{ty}`, but {}", why.unwrap_or_default());
+            }
+            Err(error) if error.code == INTERRUPTED => return,
+            Err(error) => {
+                assert!(error.code != "dscene::run::type", "`{name}` is checked, but {error:?}");
+                assert_told(&[error], sources);
+            }
+        }
+    }
+    assert_told(&engine.take_warnings(), sources);
 }
 
 /// The layout of a text; `None` if it has errors.

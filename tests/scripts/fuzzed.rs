@@ -5,6 +5,7 @@
 //!
 //! The properties are those of the fuzzers in `fuzz/`, which find more for those who have a nightly compiler.
 
+use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::{Duration, Instant};
 
@@ -19,6 +20,7 @@ use crate::dice::Dice;
 use crate::gltf::Builder;
 use crate::mutated_scripts::{damage, scripts};
 use crate::properties;
+use crate::typed_programs;
 
 /// Draws inputs and hands them to `holds`, which panics if something does not hold; `seconds` of the processor, or as the environment says.
 fn fuzz<T>(
@@ -77,6 +79,67 @@ fn parser() {
 fn checker() {
     let scripts = scripts();
     fuzz("checker", 2.0, |dice| text(&scripts, dice), String::clone, |text| properties::checker(text));
+}
+
+/// Where the words (with digits: numbers) and the signs of a text are.
+fn tokens(text: &str) -> Vec<(usize, usize)> {
+    let kind = |c: char| match c {
+        'a'..='z' | 'A'..='Z' | '0'..='9' | '_' => 'w',
+        '+' | '-' | '*' | '/' | '<' | '>' | '=' | '^' | '%' | '@' => 's',
+        _ => ' ',
+    };
+    let mut found: Vec<(usize, usize, char)> = vec![];
+    for (at, c) in text.char_indices() {
+        match found.last_mut() {
+            Some((_, end, of)) if *end == at && *of == kind(c) => *end = at + c.len_utf8(),
+            _ => found.push((at, at + c.len_utf8(), kind(c))),
+        }
+    }
+    found.into_iter().filter(|(.., of)| *of != ' ').map(|(at, end, _)| (at, end)).collect()
+}
+
+/// A script that may well be right: up to three of its words and signs are others of the script, or numbers and signs that hurt.
+fn altered(text: &str, dice: &mut Dice) -> String {
+    const NUMBERS: [&str; 12] =
+        ["0", "-1", "1", "0.5", "3", "1e9", "1e-300", "1e300", "90deg", "[1, 2, 3]", "(0 / 0)", "[x for x in 0..0]"];
+    const SIGNS: [&str; 12] = ["+", "-", "*", "/", "^", "%", "@", "<", ">=", "==", "!=", "|>"];
+    let mut text = text.to_owned();
+    for _ in 0..1 + dice.below(3) {
+        let found = tokens(&text);
+        let Some(&(from, to)) = found.get(dice.below(found.len())) else { continue };
+        let old = &text[from..to];
+        let new = match old.bytes().next() {
+            Some(b'0'..=b'9') => NUMBERS[dice.below(NUMBERS.len())].to_owned(),
+            Some(b'a'..=b'z' | b'A'..=b'Z' | b'_') => {
+                let (from, to) = found[dice.below(found.len())];
+                text[from..to].to_owned()
+            }
+            _ => SIGNS[dice.below(SIGNS.len())].to_owned(),
+        };
+        text.replace_range(from..to, &new);
+    }
+    text
+}
+
+#[test]
+fn evaluator() {
+    let scripts = scripts();
+    let draw = |dice: &mut Dice| {
+        let whole = if dice.below(2) == 0 {
+            scripts[dice.below(scripts.len())].clone()
+        } else {
+            let tape = |dice: &mut Dice| (0..1 + dice.below(60)).map(|_| dice.below(5000) as u16).collect();
+            let tapes: Vec<Vec<u16>> = (0..1 + dice.below(6)).map(|_| tape(dice)).collect();
+            typed_programs::script(&typed_programs::program(&tapes))
+        };
+        altered(&whole, dice)
+    };
+    let (drawn, evaluated) = (Cell::new(0), Cell::new(0));
+    fuzz("evaluator", 3.0, draw, String::clone, |text| {
+        drawn.set(drawn.get() + 1);
+        evaluated.set(evaluated.get() + u32::from(properties::evaluator(text)));
+    });
+    assert!(4 * evaluated.get() >= drawn.get(), "only {} of {} scripts were right", evaluated.get(), drawn.get());
 }
 
 #[test]
