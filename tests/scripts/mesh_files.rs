@@ -596,6 +596,32 @@ fn vertex_colours_multiply_the_base_colour() {
 }
 
 #[test]
+fn vertex_colours_multiply_what_unlit_surfaces_show() {
+    let place = Place::new();
+    place.write("s.dscene", "camera eye { position: [0, 0, 1], look_at: [0, 0, 0], fov: 0.1deg, film: [1, 1] }\n");
+    let shown = |colors: &[u8]| {
+        let mut file = Builder::new();
+        let colors = file.bytes("VEC4", 4, colors, true);
+        let extensions = json!({"KHR_materials_unlit": {}, "KHR_materials_sheen": {"sheenColorFactor": [1, 1, 1]}});
+        let base = json!({"baseColorFactor": [0.5, 1, 1, 1]});
+        file.add("materials", json!({"doubleSided": true, "pbrMetallicRoughness": base, "extensions": extensions}));
+        let mesh = file.triangle(json!({"COLOR_0": colors}), json!({"material": 0}));
+        file.add("nodes", json!({"mesh": mesh, "translation": [-0.25, -0.25, 0]}));
+        place.write("a.gltf", file.text());
+        // The lamp before it lights nothing: an unlit surface does not reflect.
+        let scene = "scene(shapes: [], lights: [load_scene(\"a.gltf\").lights[0], point(position: [0, 0, 0.5])])";
+        let output =
+            place.dsl(&["eval", "s.dscene", &format!("mean(render(eye, scene: {scene}, spp: 16).r)"), "--json"]);
+        assert_code(&output, 0);
+        serde_json::from_str::<Value>(&stdout(&output)).unwrap()["value"].as_f64().unwrap()
+    };
+    assert!((shown(&[51, 0, 0, 255].repeat(3)) - 0.5 * 0.2).abs() < 1e-3);
+    // At a quarter of both edges the corners weigh 1/2, 1/4 and 1/4.
+    let varying = shown(&[102, 0, 0, 255, 204, 0, 0, 255, 0, 0, 0, 255]);
+    assert!((varying - 0.5 * 0.4).abs() < 2e-3, "{varying}");
+}
+
+#[test]
 fn cameras_of_gltf_look_where_they_should() {
     let place = Place::new();
     let mut file = Builder::new();

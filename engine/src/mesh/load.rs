@@ -249,6 +249,8 @@ pub struct LoadedMaterial {
     pub emissive: Vec3,
     /// Three channels, linear.
     pub emissive_image: Option<LoadedImage>,
+    /// What it emits is its colour, so that colours of vertices multiply that.
+    pub unlit: bool,
     /// Visible from both sides.
     pub double_sided: bool,
     /// Opacity in one channel, from 0 to 1; `None` is opaque. An alpha cutoff of the file was applied to each texel; interpolation makes
@@ -279,6 +281,7 @@ impl Default for LoadedMaterial {
             specular: 1.0,
             emissive: Vec3::ZERO,
             emissive_image: None,
+            unlit: false,
             double_sided: true,
             opacity: None,
             clear: None,

@@ -115,7 +115,9 @@ impl Converter {
             (None, Some(_)) => Arc::new(plain(MaterialKind::Diffuse { reflectance: Input::VertexColor }.into())),
             (Some(loaded), None) => self.appearance(loaded)?,
             (Some(loaded), Some(Tint::Constant(tint))) => {
-                let tinted = LoadedMaterial { base_color: loaded.base_color * tint, ..(**loaded).clone() };
+                let mut tinted = (**loaded).clone();
+                tinted.base_color *= tint;
+                tinted.emissive *= if tinted.unlit { tint } else { glam::Vec3::ONE };
                 Arc::new(appearance(&tinted)?)
             }
             (Some(loaded), Some(Tint::Varying)) => {
@@ -128,6 +130,10 @@ impl Converter {
                     *base_color = Input::Tinted(texels.clone());
                 }
                 appearance.material = Arc::new(material);
+                appearance.radiance = match appearance.radiance {
+                    Some(Input::Texture(texels)) if loaded.unlit => Some(Input::Tinted(texels)),
+                    other => other,
+                };
                 Arc::new(appearance)
             }
         };

@@ -86,6 +86,7 @@ impl Materials {
             specular: specular * reflectance / 0.04,
             emissive,
             emissive_image: channels(&emissive_map, 0, 3),
+            unlit: material.unlit(),
             double_sided: material.double_sided(),
             opacity: opacity(material, base_color.as_ref(), alpha, &name, reading),
             clear: clear(material, ior, &name, reading),
@@ -94,11 +95,11 @@ impl Materials {
             coat,
             normals,
         };
-        if material.unlit() {
+        if made.unlit {
             // An unlit material shows its colour whatever the light: it emits that colour and reflects nothing.
             (made.emissive, made.emissive_image) = (made.base_color, made.base_color_image.take());
             (made.base_color, made.metallic, made.specular) = (Vec3::ZERO, 0.0, 0.0);
-            (made.coat, made.grain) = (None, None);
+            (made.coat, made.grain, made.sheen, made.clear, made.normals) = (None, None, None, None, None);
         }
         if made.clear.is_some() {
             (made.normals, made.opacity, made.sheen, made.coat) = (None, None, None, None);
@@ -335,6 +336,13 @@ fn tell(material: &gltf::Material, name: &str, reading: &mut Reading) {
         let is_colored = specular.specular_color_factor() != [1.0; 3];
         if is_colored || specular.specular_color_texture().is_some() || specular.specular_texture().is_some() {
             notes.about("colours and images of KHR_materials_specular are left out", name);
+        }
+        // glTF scales both by the factor. Here one number stands for the index of refraction too, which the horizon hardly sees.
+        if specular.specular_factor() > 0.0 && specular.specular_factor() < 1.0 {
+            notes.about(
+                "specularFactor dims what is seen head-on, and the horizon only half as much as it should",
+                name,
+            );
         }
     }
     let known = |name: &str| {

@@ -219,10 +219,12 @@ impl Writer {
         extensions: &mut Value,
     ) -> Result<(), ImageError> {
         let Some(texels) = material.emissive_texels() else { return Ok(()) };
-        let most = largest(&texels.image);
+        // What varies is divided by the largest values of its channels; a single colour is itself the factor, also where it is 0.
+        let single = texels.image.data.len() <= 3;
+        let most = if single { Vec3::from_slice(&texels.image.data) } else { largest(&texels.image) };
         let strength = most.max_element().max(1.0);
         out["emissiveFactor"] = json!((most / strength).to_array());
-        if texels.image.data.len() > 3 {
+        if !single {
             let texels = scaled(&texels, most);
             out["emissiveTexture"] = json!({ "index": self.texture(&texels, Encoding::Srgb)? });
         }
@@ -250,10 +252,11 @@ impl Writer {
             }
         } else if material.sheen.is_some() {
             extensions[self.uses("KHR_materials_specular")] = json!({ "specularFactor": 0.0 });
-        } else if material.specular > 1.0 {
+        } else if material.specular >= 0.5 && material.specular != 1.0 {
+            // An index of refraction changes what is reflected head-on, and nothing at the horizon: so does `specular` from 0.25 on, which is 0.5 here.
             let root = (0.04 * material.specular).min(0.99).sqrt();
             extensions[self.uses("KHR_materials_ior")] = json!({ "ior": (1.0 + root) / (1.0 - root) });
-        } else if material.specular < 1.0 {
+        } else if material.specular < 0.5 {
             extensions[self.uses("KHR_materials_specular")] = json!({ "specularFactor": material.specular });
         }
     }

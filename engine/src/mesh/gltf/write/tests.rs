@@ -116,7 +116,7 @@ fn materials_are_read_as_they_were_written() {
     let mirrored = |image: LoadedImage| LoadedImage { wrap: Wrap::Mirror, ..image };
     let cut = image(2, 2, 1, |i, _| (i % 2) as f32);
     let materials = vec![
-        LoadedMaterial { base_color: vec3(0.2, 0.5, 1.0), metallic: 0.3, roughness: 0.7, specular: 0.4, ..named("a") },
+        LoadedMaterial { base_color: vec3(0.2, 0.5, 1.0), metallic: 0.3, roughness: 0.7, specular: 0.6, ..named("a") },
         LoadedMaterial { base_color_image: Some(colors.clone()), specular: 3.0, double_sided: false, ..named("b") },
         LoadedMaterial { roughness_image: Some(nearest), metallic: 0.5, ..named("c") },
         LoadedMaterial { metallic_image: Some(mirrored(grey(3))), metallic: 1.0, roughness: 0.4, ..named("d") },
@@ -142,6 +142,8 @@ fn materials_are_read_as_they_were_written() {
         LoadedMaterial { coat: Some(coat(1.0, Some(grey(3)), 0.5, Some(fine))), ..named("worn and rough") },
         LoadedMaterial { grain: Some(grain(None)), metallic: 1.0, ..named("brushed") },
         LoadedMaterial { grain: Some(grain(Some(grey(3)))), roughness: 0.2, ..named("brushed here and there") },
+        LoadedMaterial { emissive: vec3(0.0, 0.0, 2.0), base_color: Vec3::ZERO, ..named("blue lamp") },
+        LoadedMaterial { emissive: vec3(1.0, 0.5, 0.0), emissive_image: Some(colors.clone()), ..named("amber sign") },
         LoadedMaterial { clear: Some(body(1.33, Vec3::ZERO)), roughness: 0.0, double_sided: false, ..named("k") },
         LoadedMaterial {
             clear: Some(body(1.5, vec3(0.0, 0.4, 6.0))),
