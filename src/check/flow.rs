@@ -426,8 +426,8 @@ struct Flow<'p> {
     by_slope: bool,
 }
 
-/// Natives whose value changes in steps.
-const STEPS: [&str; 6] = ["sign", "floor", "ceil", "round", "argmin", "argmax"];
+/// Natives whose value changes in steps, and those that have no derivative since they are only to be looked at.
+const STEPS: [&str; 8] = ["sign", "floor", "ceil", "round", "argmin", "argmax", "flip_map", "perceptual_error"];
 
 /// Of an expression whose value changes in steps with some of what is below it: the rest, through which slopes pass.
 fn beside_steps<'e>(program: &Program, e: &'e Expr) -> Option<Vec<&'e Expr>> {

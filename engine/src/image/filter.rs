@@ -126,6 +126,14 @@ impl Separable {
         Ok(Separable { x: Taps::gaussian(width, sigma), y: Taps::gaussian(height, sigma) })
     }
 
+    /// The derivative of [`Separable::blur`] by `sigma`, as two filters whose outputs are added: that of the rows' weights and that of the
+    /// columns'.
+    pub fn d_blur_by_sigma(width: usize, height: usize, sigma: f64) -> Result<[Separable; 2], ImageError> {
+        let Separable { x, y } = Separable::blur(width, height, sigma)?;
+        let (d_x, d_y) = (x.clone().d_gaussian(sigma), y.clone().d_gaussian(sigma));
+        Ok([Separable { x: d_x, y }, Separable { x, y: d_y }])
+    }
+
     /// See [`downsample`]. Fails for an image without pixels.
     pub fn downsample(width: usize, height: usize) -> Result<Separable, ImageError> {
         nonempty("the image to downsample", width, height)?;
@@ -292,6 +300,25 @@ impl Taps {
         Taps { input: n, rows: (0..n).map(row).collect() }
     }
 
+    /// The derivatives by `sigma` of weights that [`Taps::gaussian`] has made: a weight w at a distance d grows by w·d²/σ³, less its share of
+    /// what all of its row grow by, since their sum stays 1. At 0, where only the pixel itself counts, they are 0.
+    fn d_gaussian(mut self, sigma: f64) -> Taps {
+        if sigma == 0.0 {
+            self.rows.iter_mut().flat_map(|row| &mut row.weights).for_each(|w| *w = 0.0);
+            return self;
+        }
+        for (i, row) in self.rows.iter_mut().enumerate() {
+            // Of a tiny sigma there is one weight in a row, 1, and all others are 0, also those beside it.
+            let start = row.start;
+            let growth = |k: usize| ((start + k).abs_diff(i) as f64 / sigma).powi(2);
+            let grown: Vec<f64> =
+                (0..).zip(&row.weights).map(|(k, w)| if *w > 0.0 { w * growth(k) } else { 0.0 }).collect();
+            let all: f64 = grown.iter().sum();
+            row.weights.iter_mut().zip(grown).for_each(|(w, g)| *w = (g - *w * all) / sigma);
+        }
+        self
+    }
+
     fn halve(n: usize) -> Taps {
         let row = |i: usize| Row::normalised(2 * i, vec![1.0; 2.min(n - 2 * i)]);
         Taps { input: n, rows: (0..n.div_ceil(2)).map(row).collect() }
@@ -382,6 +409,26 @@ mod tests {
             let (ax, aty) = (filter.apply(&x, 3), filter.transpose(&y, 3));
             let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
             assert!((dot(&ax, &y) - dot(&x, &aty)).abs() < 1e-12, "{filter:?}");
+        }
+    }
+
+    #[test]
+    fn blurs_follow_their_sigma() {
+        let x = noise(9 * 7 * 2, 3);
+        for sigma in [0.3, 1.0, 1.7, 40.0] {
+            let blurred = |sigma: f64| Separable::blur(9, 7, sigma).unwrap().apply(&x, 2);
+            let h = 1e-5 * sigma;
+            let (before, after) = (blurred(sigma - h), blurred(sigma + h));
+            let [along_x, along_y] = Separable::d_blur_by_sigma(9, 7, sigma).unwrap();
+            let slopes = along_x.apply(&x, 2).into_iter().zip(along_y.apply(&x, 2)).map(|(a, b)| a + b);
+            for ((slope, a), b) in slopes.zip(before).zip(after) {
+                let difference = (b - a) / (2.0 * h);
+                assert!((slope - difference).abs() < 1e-7 / sigma, "{slope} and {difference} at {sigma}");
+            }
+        }
+        for sigma in [0.0, 1e-200, 1e-3] {
+            let slopes = Separable::d_blur_by_sigma(9, 7, sigma).unwrap();
+            assert!(slopes.iter().all(|slope| slope.apply(&x, 2).iter().all(|v| *v == 0.0)), "{sigma}");
         }
     }
 

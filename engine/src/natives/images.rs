@@ -35,7 +35,11 @@ pub(super) const TABLE: &[(&str, Native)] = &[
         if !(sigma.is_finite() && (0.0..=1e4).contains(&sigma)) {
             return Err(NativeError::at(1, format!("`sigma` must be from 0 to 10000, this is {sigma}")));
         }
-        Ok(Value::Image(linear(&x, Separable::blur(x.shape()[1], x.shape()[0], sigma))?))
+        let filter = Separable::blur(x.shape()[1], x.shape()[0], sigma);
+        match a.value(1)?.var().filter(|sigma| sigma.is_live()) {
+            Some(width) => Ok(Value::Image(blurred(&x, width, sigma)?)),
+            None => Ok(Value::Image(linear(&x, filter)?)),
+        }
     }),
     ("downsample", |a| {
         let factor = a.named_integer("factor", 1..=1 << 16)?.unwrap_or(2) as usize;
@@ -114,6 +118,53 @@ pub(super) fn linear(x: &Var, filter: Result<Separable, crate::image::ImageError
     let (width, height) = filter.output_size();
     let value = Tensor { shape: vec![height, width, channels], data: filter.apply(&x.value().data, channels) };
     Ok(Var::custom(Arc::new(Filter { filter, channels }), vec![x.clone()], value))
+}
+
+/// A blur whose `sigma` has a derivative too: the inputs are the image and `sigma`.
+struct Blur {
+    filter: Filter,
+    /// Their outputs together are the derivative by `sigma`.
+    slopes: [Separable; 2],
+}
+
+impl Blur {
+    fn slope(&self, x: &Tensor) -> Vec<f64> {
+        let [along_x, along_y] = self.slopes.each_ref().map(|slope| slope.apply(&x.data, self.filter.channels));
+        along_x.into_iter().zip(along_y).map(|(a, b)| a + b).collect()
+    }
+}
+
+impl CustomOp for Blur {
+    fn name(&self) -> &str {
+        "blur"
+    }
+
+    fn vjp(&self, x: &[&Tensor], y: &Tensor, g: &Tensor, wants: &[bool]) -> Result<Vec<Option<Tensor>>, String> {
+        let d_image = if wants[0] { self.filter.vjp(&x[..1], y, g, &wants[..1])?.pop().flatten() } else { None };
+        let d_sigma = || self.slope(x[0]).iter().zip(&g.data).map(|(s, g)| s * g).sum();
+        let d_sigma = wants[1].then(|| Tensor { shape: x[1].shape.clone(), data: vec![d_sigma()] });
+        Ok(vec![d_image, d_sigma])
+    }
+
+    fn jvp(&self, x: &[&Tensor], y: &Tensor, t: &[Option<&Tensor>]) -> Result<Tensor, String> {
+        let mut out = self.filter.jvp(&x[..1], y, &t[..1])?;
+        if let Some(t) = t[1].and_then(|t| t.data.first()) {
+            out.data.iter_mut().zip(self.slope(x[0])).for_each(|(out, slope)| *out += t * slope);
+        }
+        Ok(out)
+    }
+}
+
+fn blurred(x: &Var, width: &Var, sigma: f64) -> Result<Var> {
+    let blamed = |e: crate::image::ImageError| NativeError::at(0, e.to_string());
+    let &[rows, columns, channels] = x.shape() else {
+        return Err(NativeError::at(0, "an image has rows, columns and channels"));
+    };
+    let filter = Separable::blur(columns, rows, sigma).map_err(blamed)?;
+    let slopes = Separable::d_blur_by_sigma(columns, rows, sigma).map_err(blamed)?;
+    let value = Tensor { shape: x.shape().to_vec(), data: filter.apply(&x.value().data, channels) };
+    let op = Blur { filter: Filter { filter, channels }, slopes };
+    Ok(Var::custom(Arc::new(op), vec![x.clone(), width.clone()], value))
 }
 
 /// The levels of the mip map of texels, one after the other as [`crate::render::texture::Texture::data`] has them.

@@ -46,10 +46,7 @@ pub(super) const TABLE: &[(&str, Native)] = &[
     ("zip", zip),
     ("reshape", reshape),
     ("noise", |a| random(a, -1.0, 1.0, true)),
-    ("uniform", |a| {
-        let bound = |name: &str, or: f64| a.named_number(name).map(|x| x.unwrap_or(or));
-        random(a, bound("low", 0.0)?, bound("high", 1.0)?, false)
-    }),
+    ("uniform", uniform),
     ("minibatch", minibatch),
     ("plateau", plateau),
     ("converged", converged),
@@ -247,6 +244,25 @@ fn random(a: &Args, low: f64, high: f64, normal: bool) -> Result<Value> {
         .collect();
     // A shape of one number gives a vector; the empty shape gives a scalar.
     Ok(Value::tensor(Tensor::new(shape, data)))
+}
+
+/// Numbers between two bounds, which they follow where these move.
+fn uniform(a: &Args) -> Result<Value> {
+    let bound = |name: &str, or: f64| a.named_number(name).map(|x| x.unwrap_or(or));
+    let (low, high) = (bound("low", 0.0)?, bound("high", 1.0)?);
+    let moving = |name: &str, or: f64| match a.named(name) {
+        Some((_, value)) => value.var().cloned().unwrap_or_else(|| Var::from(or)),
+        None => Var::from(or),
+    };
+    let (from, to) = (moving("low", low), moving("high", high));
+    if !from.is_live() && !to.is_live() {
+        return random(a, low, high, false);
+    }
+    let share = random(a, 0.0, 1.0, false)?;
+    match share.var() {
+        Some(share) => Ok(Value::Num(from.add(&to.sub(&from)?.mul(share)?)?)),
+        None => Ok(share),
+    }
 }
 
 /// Whether the loss has stopped falling.

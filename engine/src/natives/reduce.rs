@@ -15,14 +15,15 @@ pub(super) const TABLE: &[(&str, Native)] = &[
     ("std", |a| along(a, |x, axes| Ok(variance(x, axes)?.unary(Unary::Sqrt)))),
     ("min", |a| extreme(a, Binary::Min)),
     ("max", |a| extreme(a, Binary::Max)),
-    ("median", |a| along(a, |x, axes| percentile(x, 50.0, axes))),
+    ("median", |a| along(a, |x, axes| percentile(x, 50.0, None, axes))),
     ("percentile", |a| {
         let (i, _) = a.need("percent")?;
         let percent = a.number(i)?;
         if !(0.0..=100.0).contains(&percent) {
             return Err(NativeError::at(i, format!("a percentile is from 0 to 100, this is {percent}")));
         }
-        along(a, |x, axes| percentile(x, percent, axes))
+        let moving = a.value(i)?.var().filter(|percent| percent.is_live());
+        along(a, |x, axes| percentile(x, percent, moving, axes))
     }),
     ("all", |a| Ok(Value::Bool(truths(a)?.all(|x| x != 0.0)))),
     ("any", |a| Ok(Value::Bool(truths(a)?.any(|x| x != 0.0)))),
@@ -92,10 +93,11 @@ fn extreme(a: &Args, f: Binary) -> Result<Value> {
     along(a, |x, axes| Ok(if f == Binary::Min { x.min_axes(axes)? } else { x.max_axes(axes)? }))
 }
 
-/// Interpolates between the two elements around that position in the sorted order; the derivative goes to these two.
-fn percentile(x: &Var, percent: f64, axes: &[usize]) -> Result<Var> {
+/// Interpolates between the two elements around that position in the sorted order; the derivative goes to these two, and to `percent`, where that
+/// is `moving`, by what lies between them.
+fn percentile(x: &Var, percent: f64, moving: Option<&Var>, axes: &[usize]) -> Result<Var> {
     let (kept, groups) = x.ordered(axes)?;
-    let (mut below, mut above, mut share) = (Vec::new(), Vec::new(), 0.0);
+    let (mut below, mut above, mut share, mut steps) = (Vec::new(), Vec::new(), 0.0, 0.0);
     for group in &groups {
         let Some(&last) = group.sorted.last() else { return Err(NativeError::new("nothing has no percentile")) };
         if x.value().data[last as usize].is_nan() {
@@ -103,13 +105,19 @@ fn percentile(x: &Var, percent: f64, axes: &[usize]) -> Result<Var> {
             above.push(last);
             continue;
         }
-        let place = percent / 100.0 * (group.sorted.len() - 1) as f64;
+        steps = (group.sorted.len() - 1) as f64;
+        let place = percent / 100.0 * steps;
         let first = place.floor() as usize;
         share = place - place.floor();
         below.push(group.sorted[first]);
         above.push(group.sorted[(first + 1).min(group.sorted.len() - 1)]);
     }
     let low = x.gather(below, kept.clone());
+    if let Some(moving) = moving {
+        let share = moving.shift(-percent).scale(steps / 100.0).shift(share);
+        let step = x.gather(above, kept).sub(&low)?;
+        return Ok(low.add(&step.mul(&share)?)?);
+    }
     if share == 0.0 {
         return Ok(low);
     }
