@@ -4,6 +4,7 @@ use std::fmt;
 use std::sync::Arc;
 
 use super::hir::DeclId;
+use super::infer::stack;
 use super::modules::{Local, ModuleId};
 use super::types::{Dim, Ty};
 use crate::natives::value::Value;
@@ -27,7 +28,7 @@ pub enum Sig {
     /// One of the words that an argument may be.
     Word(String),
     Union(Vec<Sig>),
-    /// Values that are not numbers.
+    /// Values that are not numbers, and colours, each of which may be a number.
     List(Box<Sig>, Dim),
     Fn(Vec<Sig>, Box<Sig>),
     Record(Vec<(String, Sig)>),
@@ -198,7 +199,7 @@ impl Sig {
             Sig::Int(shape) => Ty::Num(shape.clone()),
             Sig::Color => Ty::vector(3),
             Sig::Word(_) => Ty::Str,
-            Sig::List(item, n) => Ty::Array(Box::new(item.ty()), *n),
+            Sig::List(item, n) => stack(item.ty(), *n),
             Sig::Fn(params, result) => Ty::Fn(params.iter().map(Sig::ty).collect(), Box::new(result.ty())),
             Sig::Record(fields) => Ty::Record(fields.iter().map(|(name, sig)| (name.clone(), sig.ty())).collect()),
             Sig::Number | Sig::Angles | Sig::Any | Sig::Var(_) => Ty::Any,
@@ -263,6 +264,9 @@ impl Sig {
                     _ => None,
                 };
                 match ty {
+                    Ty::Num(shape) => shape
+                        .split_first()
+                        .is_some_and(|(m, rest)| item.accepts(&Ty::Num(rest.to_vec()), known(0)) && dims_agree(*n, *m)),
                     Ty::Array(found, m) => {
                         let of_each = m.filter(|_| known(0).is_some()).unwrap_or(1);
                         (0..of_each.max(1)).all(|i| item.accepts(found, known(i))) && dims_agree(*n, *m)
@@ -301,6 +305,9 @@ impl Sig {
                 .iter()
                 .any(|(name, sig)| found.iter().find(|(n, _)| n == name).is_some_and(|(_, ty)| sig.spreads_within(ty))),
             (Sig::List(item, _), Ty::Any) => item.spreads_within(&Ty::Any),
+            (Sig::List(item, _), Ty::Num(shape)) => {
+                shape.split_first().is_some_and(|(_, rest)| item.spreads_within(&Ty::Num(rest.to_vec())))
+            }
             (Sig::List(item, _), Ty::Array(found, _)) => item.spreads_within(found),
             (Sig::List(item, _), Ty::Tuple(items)) => items.iter().any(|ty| item.spreads_within(ty)),
             _ => false,
@@ -478,7 +485,6 @@ pub fn array_of(item: Sig, n: Dim) -> Sig {
     match item {
         Sig::Is(Ty::Num(shape)) => Sig::Is(Ty::Num(grow(shape))),
         Sig::Int(shape) => Sig::Int(grow(shape)),
-        Sig::Color => Sig::Is(Ty::Num(grow(vec![Some(3)]))),
         other => Sig::List(Box::new(other), n),
     }
 }

@@ -208,3 +208,23 @@ fn records_that_hold_one_another_twice_end() {
     let checked = check_text("test.dscene", None, &script, &[], &Disk);
     assert!(checked.program.is_some(), "{:#?}", checked.diagnostics);
 }
+
+/// What is one colour as a number is a colour in a list of them too.
+#[test]
+fn lists_of_colours_take_numbers() {
+    prints(
+        "param greys: color[] = [0.5, 0.25]\nlet one = 2 * sum(noise([1]) ^ 0)\nfn total(all: color[n]) = sum(all)\n\
+         let mixed: color[2] = [0.5, [1, 0, 0]]\nprint greys, mixed, total([0.5, one]), total([[1, 2, 3]])",
+        "[[0.5, 0.5, 0.5], [0.25, 0.25, 0.25]] [[0.5, 0.5, 0.5], [1, 0, 0]] 7.5 6\n",
+    );
+    prints("fn count(rows: color[][]) = len(rows[0])\nprint count([[0.5, 0.25]])", "2\n");
+    assert_eq!(type_of("param greys: color[] = [0.5, 0.25] in 0..1", "greys"), "vec3[2]");
+    // A list is not as long as one likes where its length is said.
+    let wrong = check_text("test.dscene", None, "let all: color[3] = [0.5, 0.25]\n", &[], &Disk);
+    assert_eq!(wrong.diagnostics.first().map(|d| d.code), Some("dscene::type::mismatch"), "{:?}", wrong.diagnostics);
+    // Each component of what was one number moves for itself.
+    prints(
+        "param greys: color[] = [0.5, 0.25]\nloss far = sum((greys - 0.5) ^ 2)\nprint grad(far, greys)",
+        "[[0, 0, 0], [-0.5, -0.5, -0.5]]\n",
+    );
+}
