@@ -50,6 +50,7 @@ impl Checker<'_> {
     pub fn call_value(&mut self, callee: &ast::Expr, given: &[Given], span: Span) -> Typed {
         let tree = callee;
         let callee = self.expr(callee, None);
+        let told = self.diagnostics.len();
         let (params, result) = match &callee.expr.ty {
             Ty::Fn(params, result) => (Some(params.clone()), (**result).clone()),
             ty if ty.is_unknown() => (None, ty.clone()),
@@ -97,6 +98,16 @@ impl Checker<'_> {
             );
         }
         let args: Vec<Typed> = given.iter().map(|g| self.expr(g, None)).collect();
+        // `nn.Parameter(torch.tensor(1))`: what other languages have is told once for a call.
+        if callee.expr.ty == Ty::Error && self.diagnostics.len() > told {
+            let text = self.sources.text(tree.span);
+            let is_foreign = |text: &str| crate::diag::advice::is_module(text.split('.').next().unwrap_or(""));
+            if is_foreign(text) {
+                let sources = &self.sources;
+                let names = |d: &Diagnostic| d.span().map_or("", |span| sources.text(span));
+                self.diagnostics.retain_since(told, |d| d.code != "dscene::name::unknown" || !is_foreign(names(d)));
+            }
+        }
         let (result, value) = match &callee.value {
             Some(Const::Function(function)) if fits && callee.expr.ty != Ty::Error => {
                 self.applied(function, &args, callee.expr.span, span)

@@ -493,15 +493,29 @@ impl Checker<'_> {
         typed(ExprKind::Slice { base: Box::new(base.expr), start, end, inclusive }, span, ty)
     }
 
+    /// `0..10..2`, which has a step elsewhere, as a comprehension.
+    fn in_steps(&self, start: &ast::Expr, end: &ast::Expr) -> Option<String> {
+        let ast::ExprKind::Range { start: first, end: stop, .. } = &start.kind else { return None };
+        let [first, stop, step] = [first.span, stop.span, end.span].map(|span| self.sources.text(span));
+        let count = match [first, stop, step].map(|text| text.parse::<f64>()) {
+            [Ok(first), Ok(stop), Ok(step)] if step > 0.0 => ((stop - first) / step).ceil().max(0.0).to_string(),
+            _ => "n".to_owned(),
+        };
+        let from = if first == "0" { String::new() } else { format!("{first} + ") };
+        Some(format!("steps are counted: `[{from}{step} * i for i in 0..{count}]`"))
+    }
+
     pub(super) fn range(&mut self, start: &ast::Expr, end: &ast::Expr, inclusive: bool, span: Span) -> Typed {
         // An end may be computed as half of a length is.
         let ends_as_written = matches!(end.kind, ast::ExprKind::Number { .. });
+        let stepped = self.in_steps(start, end);
         let (start, end) = (self.expr(start, None), self.expr(end, None));
         for side in [&start, &end] {
             if !side.expr.ty.is_unknown() && !side.expr.ty.is_scalar() {
                 self.diagnostics.push(
                     Diagnostic::error("dscene::type::mismatch", "a range goes from one whole number to another")
-                        .label(side.expr.span, format!("this is `{}`", side.expr.ty)),
+                        .label(side.expr.span, format!("this is `{}`", side.expr.ty))
+                        .help_opt(stepped.clone()),
                 );
             }
         }

@@ -80,6 +80,11 @@ impl Checker<'_> {
             ast::ExprKind::Name(name) => name.clone(),
             _ => self.slot(id).name.text.clone(),
         };
+        // What could not be read may have declared it.
+        let is_unread = !self.is_user(id) && self.unread.contains(&name);
+        if is_unread || self.is_of_import(callee, id, &given) {
+            return self.after_error(&given, span);
+        }
         if let Some(kind) = DerivativeKind::named(&name).filter(|_| !self.is_user(id)) {
             return self.derivative(kind, &name, &given, callee.span, span);
         }
@@ -216,8 +221,8 @@ impl Checker<'_> {
         let mut out = Matching { by_parameter: vec![None; params.len()], missing: Vec::new(), extra: Vec::new() };
         let slots = &mut out.by_parameter;
         let mut named = false;
-        // Parameters that misspelled names were probably meant for.
-        let mut meant: Vec<usize> = Vec::new();
+        // Arguments under names that no parameter has.
+        let mut unknown: Vec<(usize, Typed)> = Vec::new();
         if site.is_kind && (self.is_typed(given, site, params) || self.is_other_light(given, site, params)) {
             return out;
         }
@@ -254,15 +259,11 @@ impl Checker<'_> {
                     }
                     None => slots[slot] = Some(i),
                 },
-                None => {
-                    meant.extend(self.report_unknown_argument(params, name, given, site));
-                    self.expr(arg.value, None);
-                }
+                None => unknown.push((i, self.expr(arg.value, None))),
             }
         }
-        out.missing = (0..params.len())
-            .filter(|i| out.by_parameter[*i].is_none() && !params[*i].has_default && !meant.contains(i))
-            .collect();
+        out.missing = (0..params.len()).filter(|i| out.by_parameter[*i].is_none() && !params[*i].has_default).collect();
+        self.report_unknown_arguments(params, &unknown, given, &mut out.missing, site);
         out
     }
 

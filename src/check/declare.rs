@@ -260,6 +260,12 @@ impl Checker<'_> {
                         ("shape", Ty::Mesh) => {
                             Some("give it a material: `shape NAME { mesh: …, material: … }`".to_owned())
                         }
+                        (_, Ty::Record(_))
+                            if matches!(value.kind, ast::ExprKind::Record(_)) && self.builtin(word).is_some() =>
+                        {
+                            let (name, text) = (&self.slot(id).name.text, self.sources.text(value.span));
+                            (text.len() < 200).then(|| format!("write `{word} {name} {text}`"))
+                        }
                         ("light", Ty::Mesh) => Some("make it emit: `area(…, radiance: 10)`".to_owned()),
                         (_, found) if crate::syntax::KINDS.contains(&found.to_string().as_str()) => {
                             Some(format!("declare it with `{found}`, or with `let`"))

@@ -11,7 +11,7 @@ use super::signature::{Const, Function, Sig, fits};
 use super::text;
 use super::trial::Change;
 use super::types::{Dim, Ty};
-use crate::diag::{Diagnostic, did_you_mean, suggest};
+use crate::diag::Diagnostic;
 use crate::source::Span;
 use crate::syntax::ast;
 
@@ -224,105 +224,6 @@ impl Checker<'_> {
         }
         let ty = slot.hir.ty.clone();
         Typed { value: slot.value.clone(), ..typed(ExprKind::Decl(id), span, ty) }
-    }
-
-    fn report_unknown(&mut self, name: &str, span: Span, wanted: Option<&Sig>) {
-        // What could not be read, or imported, may have declared it; letters that no name has were told.
-        let is_spelt = self.sources.text(span).is_ascii();
-        if !is_spelt || self.unread.contains(name) || self.modules[self.module].lacks_import {
-            return;
-        }
-        let imported = self.modules[self.module].imported.clone();
-        if self.report_private(&ast::Name { text: name.to_owned(), span }, &imported) {
-            return;
-        }
-        let words = wanted.map(Sig::words).unwrap_or_default();
-        if !words.is_empty() {
-            let help = did_you_mean(name, "choose one of", words);
-            self.diagnostics.push(
-                Diagnostic::error("dscene::name::unknown", format!("there is no choice `{name}` here"))
-                    .label(span, "not one of the choices")
-                    .help_opt(help),
-            );
-            return;
-        }
-        if self.modules[self.module].aliases.contains_key(name) {
-            self.diagnostics.push(
-                Diagnostic::error("dscene::name::unknown", format!("`{name}` is a module, not a value"))
-                    .label(span, "a module")
-                    .help(format!("take something from it: `{name}.NAME`")),
-            );
-            return;
-        }
-        if self.is_of_module(name, span) {
-            self.diagnostics.push(
-                Diagnostic::error("dscene::name::unknown", format!("`{name}` is not imported"))
-                    .label(span, "a module of the library")
-                    .help(format!("write `import std.{name} as {name}` at the top")),
-            );
-            return;
-        }
-        let local = suggest(name, self.locals.iter().map(|l| l.name.as_str())).map(str::to_owned);
-        let guess = local
-            .or_else(|| self.nearest_name(self.module, name))
-            .or_else(|| crate::diag::advice::function(name).map(str::to_owned))
-            .or_else(|| self.nearest_name(super::modules::PRELUDE, name));
-        if crate::diag::advice::is_planned(name) {
-            self.diagnostics.push(crate::diag::advice::unavailable(name, span));
-            return;
-        }
-        let foreign = self.name_in_other_languages(name, span);
-        let help = match guess {
-            _ if foreign.is_some() => foreign.unwrap_or_default(),
-            Some(found) => format!("did you mean `{found}`?"),
-            None => format!("declare it: `let {name} = …`"),
-        };
-        let told = Diagnostic::error("dscene::name::unknown", format!("`{name}` is not declared"))
-            .label(span, "not found")
-            .help(help);
-        self.diagnostics.push_cause(told, "nor here");
-    }
-
-    /// Whether a name that nothing has is a module of the library, of which what stands behind the dot is a part: `studio.floor`.
-    fn is_of_module(&self, name: &str, span: Span) -> bool {
-        let Some(&module) = self.library.get(name) else { return false };
-        let behind = self.sources.get(span.source).and_then(|file| file.text.get(span.end as usize..));
-        let member = behind.and_then(|text| text.strip_prefix('.')).unwrap_or("");
-        let end = member.find(|c: char| !c.is_ascii_alphanumeric() && c != '_').unwrap_or(member.len());
-        self.modules[module].names.contains_key(&member[..end])
-    }
-
-    /// A help for a name of another language: what to write here instead, with the arguments if it is called.
-    pub fn name_in_other_languages(&self, name: &str, span: Span) -> Option<String> {
-        use crate::diag::advice::{Around, Place, help, is_module};
-        let text = &self.sources.get(span.source)?.text;
-        let mut end = span.end as usize;
-        let mut last = name;
-        if is_module(name) {
-            // `np.linalg.norm`: the last name is the function.
-            let path = text.get(end..)?;
-            let path = &path
-                [..path.find(|c: char| !(c.is_ascii_alphanumeric() || c == '_' || c == '.')).unwrap_or(path.len())];
-            end += path.len();
-            last = path.rsplit('.').next().filter(|last| !last.is_empty())?;
-        }
-        let called = crate::syntax::snippet::arguments(text, end);
-        let advice = match &called {
-            Some((arguments, _)) => {
-                help(Place::Call, last, &Around { arguments: arguments.clone(), ..Around::default() })
-            }
-            None => help(Place::Name, last, &Around::default()),
-        };
-        if advice.is_some() || last == name {
-            return advice;
-        }
-        let renamed = crate::diag::advice::function(last).unwrap_or(last);
-        let known = self
-            .lookup(renamed)
-            .map(|_| renamed)
-            .or_else(|| suggest(renamed, self.modules[super::modules::PRELUDE].names.keys().map(|name| &**name)))?;
-        let arguments = called.map_or(String::new(), |(arguments, _)| format!("({})", arguments.join(", ")));
-        Some(format!("functions need no module: `{known}{arguments}`"))
     }
 
     fn if_(

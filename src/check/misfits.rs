@@ -10,6 +10,7 @@ use super::types::Ty;
 use crate::diag::{Diagnostic, advice, did_you_mean};
 use crate::source::Span;
 use crate::syntax::ast::{self, StatementKind};
+use crate::syntax::snippet::parts;
 
 /// Most arguments that are tried in every order.
 const MOST_ORDERED: usize = 4;
@@ -32,41 +33,96 @@ impl Checker<'_> {
     fn report_one_too_many(&mut self, signature: &Signature, given: &[Given], extra: &Typed, site: Site, id: DeclId) {
         let (n, given) = (signature.params.len(), given.len());
         let shown = self.show_signature(id, signature);
+        // `atan(y, x)`
+        let longer = format!("{}2", site.name);
+        let (place, label, help) = match self.builtin(&longer).filter(|_| given == n + 1) {
+            Some(_) => (site.span, "takes one less", format!("did you mean `{longer}`?")),
+            None => (extra.expr.span, "one too many", format!("it is `{shown}`")),
+        };
         self.diagnostics.push(
             Diagnostic::error(
                 "dscene::call::count",
                 format!("`{}` takes {n} argument{}, not {given}", site.name, plural(n)),
             )
-            .label(extra.expr.span, "one too many")
-            .help(format!("it is `{shown}`")),
+            .label(place, label)
+            .help(help),
         );
     }
 
-    /// Reports a name that no parameter has; returns the parameter that it was probably meant for.
-    pub fn report_unknown_argument(
+    /// Reports names that no parameter has. What is `missing` because it was given under such a name is no second mistake.
+    pub fn report_unknown_arguments(
         &mut self,
         params: &[SigParam],
-        name: &ast::Name,
+        unknown: &[(usize, Typed)],
         given: &[Given],
+        missing: &mut Vec<usize>,
         site: Site,
-    ) -> Option<usize> {
-        let known: Vec<&str> = params.iter().map(|p| p.name.as_str()).collect();
-        let foreign = advice::field(&name.text, &known);
-        if foreign.is_none() && advice::is_planned(&name.text) {
-            self.diagnostics.push(advice::unavailable(&name.text, name.span));
-            return None;
+    ) {
+        let mut left: Vec<(&ast::Name, &Typed)> = Vec::new();
+        for (name, value) in unknown.iter().filter_map(|(i, value)| Some((given[*i].name.as_ref()?, value))) {
+            let known: Vec<&str> = params.iter().map(|p| p.name.as_str()).collect();
+            let near = advice::field(&name.text, &known)
+                .or_else(|| advice::is_aim(site.name, &name.text).then_some("direction"))
+                .or_else(|| only_one_that_begins(&name.text, &known))
+                .or_else(|| crate::diag::suggest(&name.text, known.iter().copied()));
+            let help = match near {
+                _ if let Some(help) = advice::of_light(site.name, &name.text) => Some(help.to_owned()),
+                Some("direction") if advice::is_aim(site.name, &name.text) => Some(self.aimed(value, given)),
+                Some(field) => Some(format!("did you mean `{field}`?")),
+                None => self.around(name, given, site),
+            };
+            match (near, help) {
+                (None, None) if advice::is_planned(&name.text) => {
+                    self.diagnostics.push(advice::unavailable(&name.text, name.span));
+                }
+                (None, None) => left.push((name, value)),
+                (near, help) => {
+                    missing.retain(|i| Some(params[*i].name.as_str()) != near);
+                    self.report_unknown_argument(name, help, site);
+                }
+            }
         }
-        let near = foreign.or_else(|| crate::diag::suggest(&name.text, known.iter().copied()));
-        let meant = params.iter().position(|p| Some(p.name.as_str()) == near);
-        let what = format!("its {}s are", site.noun());
-        let around = advice::around_material(&name.text);
-        let around = around.filter(|_| super::fields::materials().any(|(constructor, _)| constructor == site.name));
-        let help = match (foreign, around) {
-            _ if let Some(help) = advice::of_light(site.name, &name.text) => Some(help.to_owned()),
-            (Some(field), _) => Some(format!("did you mean `{field}`?")),
-            (None, Some(function)) => Some(self.put_around(function, name, given, site)),
-            (None, None) => did_you_mean(&name.text, &what, known),
-        };
+        if let Some((name, typed)) = self.by_components(params, &left, missing, site) {
+            missing.clear();
+            return self.report_unknown_argument(name, Some(format!("write `{typed}`")), site);
+        }
+        let is_lacking = !missing.is_empty();
+        for (name, value) in left {
+            let takes = |i: &usize| params[*i].sig.accepts(&value.expr.ty, value.value.as_ref());
+            let help = match missing.iter().position(takes) {
+                Some(at) => Some(format!("did you mean `{}`?", params[missing.remove(at)].name)),
+                None if is_lacking => self.in_its_place(params, given, missing, site),
+                None => {
+                    let what = format!("its {}s are", site.noun());
+                    did_you_mean(&name.text, &what, params.iter().map(|p| p.name.as_str()))
+                }
+            };
+            self.report_unknown_argument(name, help, site);
+        }
+        if is_lacking && !unknown.is_empty() {
+            missing.clear();
+        }
+    }
+
+    /// The direction of a light that was given a point to shine at.
+    fn aimed(&self, target: &Typed, given: &[Given]) -> String {
+        let place = ["position", "origin", "from", "pos", "location"];
+        let is_place = |g: &&Given| g.name.as_ref().is_some_and(|name| place.contains(&name.text.as_str()));
+        match given.iter().find(is_place) {
+            Some(from) => {
+                let [to, from] = [target.expr.span, from.value.span].map(|span| self.sources.text(span));
+                let bracketed = if from.contains([' ', '+', '-']) && !from.starts_with(['[', '(']) {
+                    format!("({from})")
+                } else {
+                    from.to_owned()
+                };
+                format!("a light shines along a direction: `direction: {to} - {bracketed}`")
+            }
+            None => "a light shines along a direction, from its place to its target: `direction: …`".to_owned(),
+        }
+    }
+
+    fn report_unknown_argument(&mut self, name: &ast::Name, help: Option<String>, site: Site) {
         let (code, message) = if site.is_kind {
             ("dscene::name::field", format!("{} has no field `{}`", with_article(site.name), name.text))
         } else {
@@ -74,7 +130,71 @@ impl Checker<'_> {
         };
         self.diagnostics
             .push(Diagnostic::error(code, message).label(name.span, format!("unknown {}", site.noun())).help_opt(help));
-        meant
+    }
+
+    /// What to write where a vector was given component by component, `translate(m, y: 1)`, or two numbers as one, `resize(i, size: 8)`.
+    fn by_components<'n>(
+        &self,
+        params: &[SigParam],
+        unknown: &[(&'n ast::Name, &Typed)],
+        missing: &[usize],
+        site: Site,
+    ) -> Option<(&'n ast::Name, String)> {
+        let ((name, value), takes) = (unknown.first()?, |i: usize, ty: &Ty| params[i].sig.accepts(ty, None));
+        let text = |value: &Typed| self.sources.text(value.expr.span);
+        let is_vector = |i: usize| !matches!(params[i].sig, Sig::Any | Sig::Var(_) | Sig::Number | Sig::Angles);
+        let is_number = unknown.iter().all(|(_, value)| value.expr.ty.is_scalar());
+        let component = |axis: &str| unknown.iter().find(|(name, _)| name.text == axis).map(|(_, value)| text(value));
+        let axes = ["x", "y", "z"];
+        match missing {
+            [own] if is_number && is_vector(*own) && takes(*own, &Ty::vector(3)) => {
+                let is_component = |(name, _): &(&ast::Name, &Typed)| axes.contains(&name.text.as_str());
+                let rest = if site.name.starts_with("scal") { "1" } else { "0" };
+                let values = axes.map(|axis| component(axis).unwrap_or(rest)).join(", ");
+                unknown.iter().all(is_component).then(|| (*name, format!("{}: [{values}]", params[*own].name)))
+            }
+            [_, _, ..] if unknown.len() == 1 && missing.iter().all(|i| takes(*i, &Ty::SCALAR)) => {
+                let items: Vec<&str> = match text(value).strip_prefix('[').and_then(|list| list.strip_suffix(']')) {
+                    Some(list) => parts(list),
+                    None if is_number => vec![text(value); missing.len()],
+                    None => return None,
+                };
+                let each = missing.iter().zip(&items).map(|(i, item)| format!("{}: {item}", params[*i].name));
+                (items.len() == missing.len()).then(|| (*name, each.collect::<Vec<String>>().join(", ")))
+            }
+            _ => None,
+        }
+    }
+
+    /// What is said where nothing that is given goes with what is missing: another light has these arguments, or else what they are called.
+    fn in_its_place(&mut self, params: &[SigParam], given: &[Given], missing: &[usize], site: Site) -> Option<String> {
+        let names: Vec<&str> = given.iter().filter_map(|g| g.name.as_ref()).map(|n| n.text.as_str()).collect();
+        let has_all = |of: &[SigParam]| {
+            let needed = of.iter().filter(|p| !p.has_default);
+            names.iter().all(|name| of.iter().any(|p| p.name == *name))
+                && needed.into_iter().all(|p| names.contains(&p.name.as_str()))
+        };
+        if advice::LIGHTS.contains(&site.name) && names.len() == given.len() {
+            for light in advice::LIGHTS.into_iter().filter(|light| *light != site.name) {
+                let signature = self.builtin(light).and_then(|id| self.signature(id));
+                if signature.is_some_and(|signature| has_all(&signature.params)) {
+                    let value = |g: &Given| self.sources.text(g.value.span);
+                    let all: Vec<String> =
+                        names.iter().zip(given).map(|(name, g)| format!("{name}: {}", value(g))).collect();
+                    return Some(format!("another light has it: `{light}({})`", all.join(", ")));
+                }
+            }
+        }
+        let wanted: Vec<String> =
+            missing.iter().map(|i| format!("`{}: …` ({})", params[*i].name, params[*i].sig)).collect();
+        (!wanted.is_empty()).then(|| format!("what is missing is {}", wanted.join(", ")))
+    }
+
+    /// The function around a material that has the argument which the material has not, with all that was written.
+    fn around(&mut self, name: &ast::Name, given: &[Given], site: Site) -> Option<String> {
+        let function = advice::around_material(&name.text)?;
+        let is_material = super::fields::materials().any(|(constructor, _)| constructor == site.name);
+        is_material.then(|| self.put_around(function, name, given, site))
     }
 
     /// The function around a material that has the argument which the material has not, with all that was written.
@@ -358,6 +478,9 @@ impl Checker<'_> {
         if let Some(call) = self.named_value(wanted, found) {
             return Some(format!("what has settings is a function: `{call}`"));
         }
+        if let Some(help) = self.in_other_words(wanted, found, text) {
+            return Some(help);
+        }
         let is_bracketed = short.starts_with(['[', '(']) && short.ends_with([']', ')']);
         let compound = !is_bracketed && (short.contains(['+', '-', '/', '<', '>', '=']) || short.contains(" if "));
         let factor = if compound { format!("({short})") } else { short.to_owned() };
@@ -431,6 +554,47 @@ impl Checker<'_> {
         })
     }
 
+    /// Numbers in quotes, colours with an opacity or by name, and vectors with named components.
+    fn in_other_words(&self, wanted: &Sig, found: &Typed, text: &str) -> Option<String> {
+        let accepts = |ty: Ty| wanted.accepts(&ty, None) && !matches!(wanted, Sig::Any | Sig::Var(_));
+        let all = |list: Vec<&str>| format!("[{}]", list.join(", "));
+        match (&found.expr.ty, &found.value) {
+            (Ty::Str, Some(Const::Str(inner))) => {
+                let digits = inner.trim_end_matches(|c: char| c.is_ascii_alphabetic());
+                let is_number = digits.trim().parse::<f64>().is_ok();
+                let unit = &inner[digits.len()..];
+                let parts: Vec<&str> = inner.split(['x', '×', ' ', ',', '*']).filter(|part| !part.is_empty()).collect();
+                let are_numbers = parts.len() > 1 && parts.iter().all(|part| part.parse::<f64>().is_ok());
+                let typed = if is_number && accepts(Ty::Angle) && matches!(unit, "" | "deg" | "rad" | "turn") {
+                    format!("{}{}", digits.trim(), if unit.is_empty() { "deg" } else { unit })
+                } else if are_numbers && accepts(Ty::vector(parts.len())) {
+                    all(parts)
+                } else if accepts(Ty::vector(3)) && inner.starts_with('#') && crate::syntax::is_color(inner) {
+                    inner.clone()
+                } else if accepts(Ty::vector(3)) {
+                    advice::colour(inner)?.to_owned()
+                } else {
+                    return None;
+                };
+                Some(format!("numbers have no quotes: `{typed}`"))
+            }
+            (Ty::Num(shape), _) if shape.as_slice() == [Some(4)] && accepts(Ty::vector(3)) => {
+                let typed = match text.strip_prefix('[').and_then(|list| list.strip_suffix(']')).map(parts) {
+                    Some(list) if list.len() == 4 => all(list[..3].to_vec()),
+                    _ => format!("{text}[0..3]"),
+                };
+                Some(format!("a colour has three numbers, and `mask` lets see through a material: `{typed}`"))
+            }
+            (Ty::Record(fields), _) if accepts(Ty::vector(fields.len())) => {
+                let inside = text.strip_prefix('{')?.strip_suffix('}')?;
+                let value = |part: &'_ str| part.split_once(':').map(|(_, value)| value.trim().to_owned());
+                let values: Vec<String> = parts(inside).into_iter().map(value).collect::<Option<_>>()?;
+                Some(format!("a vector has no names for its numbers: `[{}]`", values.join(", ")))
+            }
+            _ => None,
+        }
+    }
+
     /// Suggests `adam()` for `"adam"` where an optimiser is wanted.
     fn named_value(&self, wanted: &Sig, found: &Typed) -> Option<String> {
         let Some(Const::Str(name)) = &found.value else { return None };
@@ -452,6 +616,12 @@ impl Checker<'_> {
         let is_number = wanted.accepts(&Ty::SCALAR, None) && !missing.is_empty();
         (fits && !is_number).then(|| format!("{name}({})", missing.join(", ")))
     }
+}
+
+/// The only name that goes on where this one ends: `dir` is short for `direction`.
+fn only_one_that_begins<'k>(short: &str, known: &[&'k str]) -> Option<&'k str> {
+    let mut longer = known.iter().filter(|name| short.len() > 2 && name.starts_with(short));
+    longer.next().copied().filter(|_| longer.next().is_none())
 }
 
 /// Whether a number would fit if it were whole.

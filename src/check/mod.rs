@@ -50,6 +50,7 @@ pub(crate) mod text;
 mod trial;
 pub mod types;
 mod understanding;
+mod unknown;
 
 use std::io;
 use std::path::Path;

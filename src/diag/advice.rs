@@ -1,6 +1,10 @@
 //! What people write who come from Python, GLSL, JavaScript, Mitsuba, PBRT, Blender or PyTorch, and what is written here
-//! instead. Everything that the language knows of other languages stands in this file; parser and checker ask it with
+//! instead. What the language knows of other languages stands here and, what things are called, in `names`; parser and checker ask with
 //! what they found and where, and every row is a test (`tests/scripts/advice.rs`).
+
+mod names;
+
+pub use names::*;
 
 use crate::diag::Diagnostic;
 use crate::source::Span;
@@ -14,6 +18,8 @@ pub enum Place {
     Postfix,
     /// The first word of a statement.
     Statement,
+    /// The last name of a call that is a statement of its own: `optimizer.step()`.
+    Action,
     /// A name that is called.
     Call,
     /// A name that is not called.
@@ -53,17 +59,22 @@ const NO_LOOPS: &str = "there are no loops: an array is built at once";
 
 /// The table. A spelling may have several rows, for different numbers of arguments: the first that can be filled counts.
 pub const TABLE: &[Row] = &[
-    row(Place::Operator, "&& &", "$< and $>", ""),
-    row(Place::Operator, "||", "$< or $>", ""),
+    row(Place::Operator, "&& & AND And", "$< and $>", ""),
+    row(Place::Operator, "|| OR Or", "$< or $>", ""),
+    row(Place::Operator, ".*", "$< * $>", "all operators go element by element"),
+    row(Place::Operator, "./", "$< / $>", "all operators go element by element"),
+    row(Place::Operator, ".^", "$< ^ $>", "all operators go element by element"),
+    row(Place::Operator, "?.", "$<.$>", "nothing is missing here"),
+    row(Place::Operator, "<-", "let $< = $>", "values are declared"),
     row(Place::Operator, "! ~", "not $>", ""),
     row(Place::Operator, "**", "$< ^ $>", ""),
-    row(Place::Operator, "<> !== =/= /= ≠", "$< != $>", ""),
+    row(Place::Operator, "<> !== =/= /= ≠ =!", "$< != $>", ""),
     row(Place::Operator, "^^ xor", "$< != $>", ""),
     row(Place::Operator, "∧", "$< and $>", ""),
     row(Place::Operator, "∨ |", "$< or $>", ""),
     row(Place::Operator, "¬", "not $>", ""),
     row(Place::Operator, "≤ ⩽", "$< <= $>", ""),
-    row(Place::Operator, "≥ ⩾", "$< >= $>", ""),
+    row(Place::Operator, "≥ ⩾ >==", "$< >= $>", ""),
     row(Place::Operator, "× · ⋅", "$< * $>", ""),
     row(Place::Operator, "÷", "$< / $>", ""),
     row(Place::Operator, "− –", "$< - $>", ""),
@@ -134,6 +145,71 @@ pub const TABLE: &[Row] = &[
     row(Place::Statement, "struct record", "let NAME = { … }", "a record needs no declaration"),
     row(Place::Call, "dict Dict SimpleNamespace", "{ … }", "braces make a record"),
     row(Place::Statement, "return yield", "print $>", "a script has no result, it shows values"),
+    row(Place::Statement, "with", "", "nothing is opened or switched off here; a changed copy is `NAME with { … }`"),
+    row(Place::Statement, "begin do try", "", "nothing is begun here: declarations stand one below the other"),
+    row(
+        Place::Statement,
+        "pass exit quit end done fi help clear clc close pub public private export static global del async",
+        "",
+        "leave it out",
+    ),
+    row(Place::Statement, "type typedef", "", "leave it out: there are no types of one's own"),
+    row(Place::Statement, "module", "fn $>", "what is made anew each time is a function"),
+    row(
+        Place::Statement,
+        "union difference intersection hull",
+        "",
+        "meshes are not cut; `merge(a, b)` puts two together",
+    ),
+    row(
+        Place::Action,
+        "step zero_grad minimize fit train",
+        "optimize LOSS { steps: 100 }",
+        "an optimisation takes its steps itself",
+    ),
+    row(
+        Place::Action,
+        "backward enable_grad requires_grad_ retain_grad",
+        "",
+        "leave it out: derivatives are taken where they are needed, and `print grad(LOSS, PARAM)` shows one",
+    ),
+    row(
+        Place::Action,
+        "set_variant manual_seed seed set_device set_default_tensor_type eval cuda init",
+        "",
+        "leave it out: nothing is set up here",
+    ),
+    row(Place::Action, "write_bitmap imsave imwrite", "save $2 to $1", "saving is a statement"),
+    row(Place::Action, "save_image savez save_obj", "save $1 to $2", "saving is a statement"),
+    row(Place::Action, "savefig", "plot NAME to $1", "saving is a part of a plot"),
+    row(Place::Action, "show imshow", "save NAME to \"image.png\"", "pictures are files"),
+    row(
+        Place::Action,
+        "figure subplots axis xlabel ylabel title legend",
+        "plot NAME { title: \"…\" }",
+        "a plot has fields",
+    ),
+    row(Place::Action, "disp display alert", "print $*", ""),
+    row(Place::Action, "printf fprintf", "print \"… {NAME}\"", "a string may hold values"),
+    row(Place::Action, "primitive_cube_add", "shape NAME { mesh: cube() }", "what there is is declared"),
+    row(
+        Place::Action,
+        "primitive_uv_sphere_add primitive_ico_sphere_add",
+        "shape NAME { mesh: sphere() }",
+        "what there is is declared",
+    ),
+    row(Place::Action, "primitive_plane_add", "shape NAME { mesh: rectangle() }", "what there is is declared"),
+    row(Place::Action, "primitive_cylinder_add", "shape NAME { mesh: cylinder() }", "what there is is declared"),
+    row(Place::Action, "light_add", "light NAME = point(position: …)", "what there is is declared"),
+    row(Place::Action, "camera_add", "camera NAME { position: … }", "what there is is declared"),
+    row(Place::Action, "render", "save render(NAME) to \"image.png\"", "pictures are files"),
+    row(Place::Action, "add attach link", "", "leave it out: all shapes and lights of a script are in its scene"),
+    row(
+        Place::Action,
+        "append push push_back extend",
+        "let $<2 = concat($<, [$1])",
+        "arrays keep their values; a longer one has a name of its own",
+    ),
     row(Place::Call, "repeat", "[$1 for i in 0..$2]", ""),
     row(Place::Call, "zeros_like", "0 * $1", ""),
     row(Place::Call, "ones_like", "0 * $1 + 1", ""),
@@ -143,13 +219,13 @@ pub const TABLE: &[Row] = &[
     row(Place::Call, "degrees rad2deg to_degrees todeg", "$1 / 1deg", "angles have units"),
     row(
         Place::Call,
-        "rgb RGB vec3 float3 color Color color3f Vector Vector3 Vec3 Point3f Vector3f Color3f",
+        "rgb RGB vec3 vec3f float3 color Color color3f Vector Vector3 Vec3 Point3f Vector3f Color3f",
         "[$v]",
         "values side by side are an array",
     ),
     row(
         Place::Call,
-        "rgba vec2 vec4 float2 float4 array tensor asarray list tuple Tensor as_tensor",
+        "rgba vec2 vec4 vec2f vec4f float2 float4 array tensor asarray list tuple Tensor as_tensor",
         "[$*]",
         "values side by side are an array",
     ),
@@ -223,6 +299,21 @@ pub const TABLE: &[Row] = &[
     row(Place::Call, "glass", "dielectric(ior: 1.5)", ""),
     row(Place::Call, "roughdielectric rough_dielectric", "dielectric(ior: 1.5, roughness: 0.3)", ""),
     row(Place::Call, "thindielectric window", "thin_dielectric()", ""),
+    row(
+        Place::Call,
+        "load_dict load_file load_string",
+        "",
+        "scenes of other programs are not read: what is in them is declared; of glTF, `load_shapes(\"….glb\")` brings the shapes",
+    ),
+    row(Place::Call, "traverse", "", "what moves is declared as a param: `param NAME = …`"),
+    row(Place::Name, "this self", "", "there are no objects: what is meant is called by the name of its declaration"),
+    row(
+        Place::Name,
+        "iTime iResolution iMouse gl_FragCoord fragCoord gl_FragColor",
+        "",
+        "there are no shaders: what varies over a surface is a texture, and pictures are made by `render(…)`",
+    ),
+    row(Place::Name, "end", "-1", "the last element has the index -1"),
     row(Place::Name, "True TRUE yes on", "true", ""),
     row(Place::Name, "False FALSE no off", "false", ""),
     row(
@@ -262,7 +353,8 @@ pub const TABLE: &[Row] = &[
 
 /// Modules of other languages, whose functions are simply there in this one.
 pub fn is_module(name: &str) -> bool {
-    const MODULES: &str = "np numpy torch math Math tf jnp jax mi dr mitsuba drjit glm bpy F nn cp scipy THREE std";
+    const MODULES: &str = "np numpy torch math Math tf jnp jax mi dr mitsuba drjit glm bpy F nn cp scipy THREE std plt matplotlib \
+                           cv2 PIL imageio pytorch3d nvdiffrast o3d trimesh sys os";
     MODULES.split(' ').any(|m| m == name)
 }
 
@@ -312,6 +404,25 @@ pub fn help(place: Place, spelling: &str, around: &Around) -> Option<String> {
 /// An array of equal numbers: `zeros(3)`, `zeros([2, 3])`, `zeros(2, 3)`, `full((2, 3), 0.5)`.
 fn filled(spelling: &str, arguments: &[&str]) -> Option<String> {
     const COUNTERS: [&str; 4] = ["i", "j", "k", "l"];
+    let size = match spelling {
+        "mat2" | "Matrix2" => 2,
+        "mat3" | "Matrix3" => 3,
+        "mat4" | "Matrix4" | "Matrix4f" => 4,
+        _ => 0,
+    };
+    if size > 0 {
+        return match arguments {
+            [one] if !one.starts_with('[') => {
+                Some(format!("[[if i == j then {one} else 0 for j in 0..{size}] for i in 0..{size}]"))
+            }
+            all if all.len() == size * size => {
+                let rows: Vec<String> = all.chunks(size).map(|row| format!("[{}]", row.join(", "))).collect();
+                Some(format!("[{}]", rows.join(", ")))
+            }
+            all if !all.is_empty() => Some(format!("[{}]", all.join(", "))),
+            _ => None,
+        };
+    }
     let (value, sizes) = match (spelling, arguments) {
         ("zeros", sizes) => ("0", sizes),
         ("ones", sizes) => ("1", sizes),
@@ -404,105 +515,6 @@ fn fill(template: &str, around: &Around) -> Option<String> {
     Some(out)
 }
 
-/// The field or argument that `name` is called here, given what the callee has.
-pub fn field(name: &str, known: &[&str]) -> Option<&'static str> {
-    let candidates: &[&'static str] = match name.to_lowercase().as_str() {
-        "albedo" | "kd" | "rho" | "diffuse_reflectance" | "base_colour" | "basecolor" => {
-            &["reflectance", "diffuse", "base_color"]
-        }
-        "color" | "colour" => &["reflectance", "base_color", "radiance", "intensity", "irradiance", "diffuse"],
-        "ks" | "specular_reflectance" => &["specular", "reflectance"],
-        "alpha" => &["roughness", "opacity"],
-        "eta" | "int_ior" | "refractive_index" | "index_of_refraction" | "n" => &["ior"],
-        "dim" | "dims" | "axes" => &["axis"],
-        "clearcoat" | "clearcoat_weight" | "coat_weight" => &["coat"],
-        "clearcoat_roughness" => &["coat_roughness"],
-        "anisotropic" | "anisotropy_strength" => &["anisotropy"],
-        "anisotropy_rotation" => &["turn"],
-        "bump" | "bump_map" | "height_map" => &["heights"],
-        "mask" | "weights" => &["weight"],
-        "glossiness" | "shininess" | "exponent" => &["roughness"],
-        "normal" | "normal_texture" | "map" | "texture" => &["normals"],
-        "opacity_map" | "alpha_map" | "coverage" | "transparency" => &["opacity"],
-        "ies" | "ies_file" | "photometry" | "distribution" => &["profile"],
-        "bsdf" | "brdf" | "shader" => &["material"],
-        "geometry" | "shape" | "primitive" | "model" => &["mesh"],
-        "lookat" | "target" | "center" | "at" | "focus_point" => &["look_at"],
-        "origin" | "eye" | "pos" | "location" | "from" => &["position"],
-        "window" | "region" | "crop_window" | "viewport" | "roi" => &["crop"],
-        "rfilter" | "pixel_filter" | "reconstruction_filter" => &["filter"],
-        "sensor" | "resolution" | "size" | "pixels" | "image_size" => &["film", "camera"],
-        "fovy" | "field_of_view" | "angle" | "fov_y" => &["fov"],
-        "fovx" => &["fov_x"],
-        "cutoff_angle" | "outer_angle" | "outer_cone_angle" | "cone_angle" => &["cutoff"],
-        "beam_width" | "inner_angle" | "inner_cone_angle" => &["beam"],
-        "aperture_radius" | "lens_radius" => &["aperture"],
-        "focus_distance" | "focal_distance" | "focus_depth" => &["focus"],
-        "distortion_params" | "dist_coeffs" | "radial_distortion" | "lens_distortion" => &["distortion"],
-        "shutter_open" | "shutter_close" | "exposure" => &["shutter"],
-        "type" | "projection" | "model_type" => &["kind"],
-        "to_world" | "matrix" | "pose" => &["transform"],
-        "emission" | "power" | "intensity" | "energy" | "strength" | "le" => &["radiance", "intensity", "irradiance"],
-        "emitters" | "lamps" => &["lights"],
-        "objects" | "meshes" => &["shapes"],
-        "samples" | "sample_count" | "samples_per_pixel" | "num_samples" => &["spp"],
-        "max_depth" | "depth" | "bounces" | "maxdepth" => &["max_bounces"],
-        "learning_rate" | "rate" | "step_size" | "stepsize" => &["lr"],
-        "beta_1" => &["beta1"],
-        "beta_2" => &["beta2"],
-        "eps" => &["epsilon"],
-        "optimizer" | "optimiser" | "with" | "solver" | "method" => &["using"],
-        "iterations" | "epochs" | "iters" | "max_steps" => &["steps"],
-        "params" | "parameters" | "wrt" | "variables" => &["over"],
-        "freeze" | "fixed" | "locked" => &["frozen"],
-        "indices" | "triangles" | "tris" => &["faces"],
-        "points" | "positions" | "verts" => &["vertices"],
-        "texcoords" | "uv" | "st" => &["uvs"],
-        "filename" | "file" => &["path", "source", "image"],
-        "r" => &["radius"],
-        "radius" => &["distance"],
-        "w" => &["width"],
-        "h" => &["height"],
-        "width" | "height" => &["film"],
-        "length" => &["depth", "height"],
-        "segments" | "resolution_u" | "detail" | "level" | "levels" | "sides" => &["subdivisions"],
-        "by" | "amount" | "vector" | "translation" => &["offset", "factor"],
-        _ => &[],
-    };
-    candidates.iter().find(|c| known.contains(c)).copied()
-}
-
-/// What is set in a solver, not in `optimize`: the solver and its setting.
-pub fn solver_setting(name: &str) -> Option<(&'static str, &'static str)> {
-    Some(match name.to_lowercase().as_str() {
-        "lr" | "learning_rate" | "rate" | "step_size" | "stepsize" => ("adam", "lr"),
-        "beta1" | "beta_1" => ("adam", "beta1"),
-        "beta2" | "beta_2" => ("adam", "beta2"),
-        "epsilon" | "eps" => ("adam", "epsilon"),
-        "momentum" => ("sgd", "momentum"),
-        "nesterov" => ("sgd", "nesterov"),
-        "damping" => ("levenberg_marquardt", "damping"),
-        _ => return None,
-    })
-}
-
-/// What to write in a stage or in `optimize` in place of a list of what stands still.
-pub fn standing_still(name: &str) -> Option<&'static str> {
-    let is_list = ["freeze", "frozen", "fixed", "locked", "except"].contains(&name.to_lowercase().as_str());
-    is_list.then_some("say what moves, all else stands still: `over: […]`")
-}
-
-/// The light that has such an argument, which the fields of `light NAME { … }` (an area light) have not.
-pub fn light_with(argument: &str) -> Option<&'static str> {
-    Some(match argument {
-        "position" | "intensity" | "profile" => "point",
-        "direction" | "irradiance" => "directional",
-        "cutoff" | "beam" => "spot",
-        "image" | "rotation" => "environment",
-        _ => return None,
-    })
-}
-
 /// Functions of another thing under a name that is taken here: the name, the type of its first argument, and what to write.
 const INSTEAD: &[(&str, &str, &str, &str)] = &[
     (
@@ -527,154 +539,6 @@ const INSTEAD: &[(&str, &str, &str, &str)] = &[
 pub fn instead(function: &str, first: &str, around: &Around) -> Option<String> {
     let known = |row: &&(&str, &str, &str, &str)| row.0 == function && row.1 == first;
     INSTEAD.iter().filter(known).find_map(|(.., write, why)| Some(format!("{why}: `{}`", fill(write, around)?)))
-}
-
-/// The function around a material that says what elsewhere an argument of the material does.
-pub fn around_material(argument: &str) -> Option<&'static str> {
-    Some(match argument.to_lowercase().as_str() {
-        "clearcoat" | "clearcoat_weight" | "clearcoat_roughness" | "coat" | "coat_weight" | "coat_roughness" => {
-            "coated"
-        }
-        "anisotropy" | "anisotropic" | "anisotropy_strength" | "anisotropy_rotation" | "alpha_u" | "alpha_v" => {
-            "brushed"
-        }
-        "normal" | "normals" | "normal_map" | "normal_texture" => "normal_map",
-        "bump" | "bump_map" | "height_map" => "bump",
-        "opacity" | "opacity_map" | "mask" | "cutout" => "mask",
-        "one_sided" => "one_sided",
-        _ => return None,
-    })
-}
-
-/// What a light has for an argument that it has not: a point with a profile is turned.
-pub fn of_light(light: &str, argument: &str) -> Option<&'static str> {
-    match (light, argument.to_lowercase().as_str()) {
-        ("point", "direction" | "aim" | "target" | "look_at" | "to" | "axis") => {
-            Some("a `profile` is turned by `rotation: aim(…)`; light in a cone is a `spot`")
-        }
-        _ => None,
-    }
-}
-
-/// The function that `name` is called here.
-pub fn function(name: &str) -> Option<&'static str> {
-    Some(match name.to_lowercase().as_str() {
-        "lambertian" | "lambert" | "matte" => "diffuse",
-        "metal" | "roughconductor" | "ggx" => "conductor",
-        "sheen" | "velvet" | "fabric" | "charlie" => "cloth",
-        "clearcoat" | "clear_coat" | "coat" | "varnish" | "lacquer" => "coated",
-        "anisotropic" | "ward" | "grooves" => "brushed",
-        "normalmap" | "normal_texture" | "normals_map" => "normal_map",
-        "blendbsdf" | "blend_bsdf" | "mix_shader" | "mix_material" | "mixture" => "blend",
-        "bumpmap" | "bump_map" | "height_map" => "bump",
-        "sun_sky" | "daylight" | "hosek" | "preetham" | "nishita" => "sunsky",
-        "cutout" | "alpha_mask" | "opacity_mask" => "mask",
-        "plane" | "quad" | "rect" | "square" => "rectangle",
-        "box" => "cube",
-        "envmap" | "environment_map" | "infinite" | "ibl" => "environment",
-        "emitter" | "area_light" | "arealight" => "area",
-        "sun" | "distant" => "directional",
-        "ambient" | "ambient_light" | "ambientlight" | "hemisphere" => "constant",
-        "pointlight" | "point_light" | "goniometric" | "projector" | "ies" => "point",
-        "load_ies" | "read_ies" | "ies_profile" | "photometry" => "load_profile",
-        "perspective" | "sensor" | "pinhole" => "camera",
-        "obj" | "ply" | "load_mesh" | "load_obj" | "import_mesh" => "load",
-        "imread" | "read_image" | "open" => "load_image",
-        "load_csv" | "read_csv" | "loadtxt" | "genfromtxt" | "read_table" => "load_table",
-        "load_npy" | "read_npy" | "fromfile" => "load_array",
-        "read_json" => "load_json",
-        "bitmap" | "image_texture" => "texture",
-        "gaussian" | "gaussian_blur" => "blur",
-        "average" | "avg" => "mean",
-        "maximum" | "fmax" => "max",
-        "minimum" | "fmin" => "min",
-        "fabs" | "absolute" => "abs",
-        "ceiling" => "ceil",
-        "sgn" | "signum" => "sign",
-        "magnitude" => "norm",
-        "normalise" | "normalized" | "normalised" | "unit_vector" => "normalize",
-        "sorted" => "sort",
-        "any_of" => "any",
-        "all_of" => "all",
-        "isnan" => "is_nan",
-        "stddev" | "standard_deviation" => "std",
-        "var" => "variance",
-        "quantile" => "percentile",
-        "clip" | "saturate" => "clamp",
-        "fmod" | "modulo" | "remainder" => "mod",
-        "select" | "cond" | "ifelse" => "where",
-        "inv" | "invert" => "inverse",
-        "det" => "determinant",
-        "quat" => "quaternion",
-        "cat" | "append" | "hstack" | "vstack" | "concatenate" => "concat",
-        "grid_sample" | "bilinear" => "sample",
-        "contact_sheet" | "make_grid" | "image_grid" | "tile" | "subplots" => "montage",
-        "false_color" | "false_colour" | "falsecolor" | "colormap_image" | "cmap" | "apply_colormap" => "colormap",
-        "linear_to_srgb" => "to_srgb",
-        "srgb_to_linear" => "from_srgb",
-        "bbox" | "bounding_box" | "aabb" => "bounds",
-        "chamfer_distance" => "chamfer",
-        "center_of_mass" | "barycenter" => "centroid",
-        "project_points" | "world_to_screen" => "project",
-        "lerp" => "mix",
-        "ln" => "log",
-        "sqr" | "square_root" => "sqrt",
-        "arcsin" => "asin",
-        "arccos" => "acos",
-        "arctan" => "atan",
-        "arctan2" => "atan2",
-        "l2_loss" | "mean_squared_error" => "mse",
-        "l1_loss" | "mae" => "l1",
-        "iou" | "jaccard" | "dice" | "iou_loss" | "dice_loss" => "silhouette_iou",
-        "lpips" | "lpips_loss" | "perceptual_loss" => "perceptual_error",
-        "flip_loss" | "nvflip" => "flip_error",
-        "bce" | "binary_cross_entropy" => "cross_entropy",
-        "tv" | "tv_loss" => "total_variation",
-        "edge_energy" | "edge_loss" | "mesh_edge_loss" => "edge_length_energy",
-        "mesh_laplacian_smoothing" | "laplacian_loss" => "laplacian_energy",
-        "mesh_normal_consistency" => "normal_consistency",
-        "gradient_descent" => "sgd",
-        "backward" | "gradients" => "grad",
-        "move" | "shift" => "translate",
-        "turn" => "rotate",
-        "length_of" | "size" | "count" => "len",
-        _ => return None,
-    })
-}
-
-/// What is written in a `plot` for a field with that name.
-pub fn plot_setting(name: &str) -> Option<&'static str> {
-    Some(match name.to_lowercase().as_str() {
-        "logx" | "log_x" | "semilogx" => "log: x",
-        "logy" | "log_y" | "semilogy" | "yscale" | "scale" | "log_scale" | "logarithmic" => "log: y",
-        "loglog" | "log_log" => "log: xy",
-        "error" | "errors" | "yerr" | "std" | "error_band" | "errorbar" | "ci" => "band: …",
-        "names" | "labels" | "label" => "legend: […]",
-        "xlabel" | "x_title" | "xtitle" | "x_axis" | "x" => "x_label: \"…\"",
-        "ylabel" | "y_title" | "ytitle" | "y_axis" | "y" => "y_label: \"…\"",
-        "figsize" | "resolution" | "width" | "height" => "size: [640, 400]",
-        _ => return None,
-    })
-}
-
-/// The type that `name` is called here.
-pub fn type_name(name: &str) -> Option<&'static str> {
-    Some(match name.to_lowercase().as_str() {
-        "float" | "double" | "real" | "f32" | "f64" | "num" => "scalar",
-        "integer" | "i32" | "usize" => "int",
-        "boolean" => "bool",
-        "str" | "text" => "string",
-        "rgb" | "colour" | "spectrum" => "color",
-        "point3" | "vector3" | "float3" | "vector" | "point" => "vec3",
-        "point2" | "float2" | "vector2" => "vec2",
-        "matrix" | "mat" => "mat4",
-        "tensor" | "ndarray" => "scalar[]",
-        "bsdf" | "brdf" => "material",
-        "emitter" => "light",
-        "sensor" => "camera",
-        "quaternion" | "quat" => "rotation",
-        _ => return None,
-    })
 }
 
 /// What the language will have and this version has not.

@@ -108,7 +108,14 @@ fn mended(
     let (from, to) = (blamed.start as usize, blamed.end as usize);
     let ranges = statement_ranges(text);
     let statement = ranges.into_iter().rev().find(|range| range.start <= from)?;
-    let pieces = pieces(text, statement.start, statement.end.max(to), from, to, typed);
+    let is_literal = diagnostic.code == "dscene::syntax::unit";
+    let pieces = match is_literal {
+        true => vec![(from, to)],
+        false => pieces(text, statement.start, statement.end.max(to), from, to, typed),
+    };
+    // What is to be left out is what is blamed, if the rest can be read.
+    let exact = typed.is_empty().then_some((from, to));
+    let pieces = exact.into_iter().chain(pieces);
     let mut checked = 0;
     for (start, end) in pieces {
         if changes_around(text, start, end, typed) {
@@ -126,7 +133,8 @@ fn mended(
             continue;
         }
         checked += 1;
-        if mends(analysis, diagnostic, &changed, (start, start + typed.len()), loader) {
+        // What a literal stands in is only understood once it can be read.
+        if is_literal || mends(analysis, diagnostic, &changed, (start, start + typed.len()), loader) {
             return Some(fix);
         }
         if checked == MOST_CHECKED {

@@ -163,6 +163,18 @@ pub struct Import {
     pub span: Span,
 }
 
+impl Import {
+    /// Whether it is of a library of Python.
+    pub(crate) fn is_of_python(&self) -> bool {
+        match &self.from {
+            ImportFrom::Module(name) => {
+                !name.starts_with("std.") && crate::diag::advice::is_module(name.split('.').next().unwrap_or(""))
+            }
+            ImportFrom::File(_) => false,
+        }
+    }
+}
+
 /// What an import names.
 #[derive(Clone, Debug)]
 pub enum ImportFrom {

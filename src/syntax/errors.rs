@@ -55,6 +55,22 @@ pub fn explain_expr(error: &Error<Rule>, text: &str, source: SourceId) -> Diagno
     unexpected(error, text, "the expression", &span)
 }
 
+/// The word of the language that a statement declares as if it were a name.
+pub fn taken(text: &str) -> Option<&str> {
+    let text = text.trim_start();
+    let behind = text.get(word(text).len()..)?.trim_start();
+    (declares(word(text)) && is_reserved(word(behind))).then_some(word(behind))
+}
+
+/// The word at which the parser stopped.
+pub fn word_at<'t>(error: &Error<Rule>, text: &'t str) -> &'t str {
+    text.get(place(error, text)..).map_or("", word)
+}
+
+fn word(text: &str) -> &str {
+    &text[..text.find(|c: char| !(c.is_ascii_alphanumeric() || c == '_')).unwrap_or(text.len())]
+}
+
 /// Where the parser stopped.
 fn place(error: &Error<Rule>, text: &str) -> usize {
     let at = match error.location {
@@ -104,7 +120,8 @@ fn ends_early(text: &str, whole: &str, expected: &str, span: &dyn std::ops::Fn(u
 fn head(text: &str, span: &dyn std::ops::Fn(usize, usize) -> Span) -> Option<Diagnostic> {
     let (at, word) = token_at(text, skip_space(text, 0));
     if !statement_words().any(|w| w == word) {
-        return (!is_reserved(&word)).then(|| unknown_word(text, at, &word, span));
+        let is_known = advice::help(Place::Statement, &word, &Around { behind: "…", ..Around::default() }).is_some();
+        return (!is_reserved(&word) || is_known).then(|| unknown_word(text, at, &word, span));
     }
     let (name_at, name) = token_at(text, skip_space(text, at + word.len()));
     if word == "test" {
@@ -131,6 +148,15 @@ fn head(text: &str, span: &dyn std::ops::Fn(usize, usize) -> Span) -> Option<Dia
             return None;
         }
         let shown = match word.as_str() {
+            kind if super::KINDS.contains(&kind) && name == "(" => {
+                format!("{kind} NAME = {}", text.trim().trim_end_matches(';'))
+            }
+            kind if super::KINDS.contains(&kind) && name == "." => {
+                return Some(unknown_word(text, at, &word, span));
+            }
+            _ if name == "{" && form == "{ … }" && text.len() < 80 && !text.contains('\n') => {
+                format!("{word} NAME {}", text.get(name_at..)?.trim())
+            }
             "loss" if is_name(&name) => format!("loss NAME = {name}…"),
             // `mesh = load("a.obj")`
             _ if name == "=" && !text[name_at..].starts_with("==") => {
@@ -211,13 +237,46 @@ fn is_name(token: &str) -> bool {
     token.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
 }
 
+/// What stands behind `const`, without the type that other languages have there: `float q = 3`.
+fn without_type(text: &str) -> &str {
+    let mut words = text.split_whitespace();
+    let (ty, name, sign) = (words.next().unwrap_or(""), words.next().unwrap_or(""), words.next().unwrap_or(""));
+    let is_typed =
+        is_name(ty) && is_name(name) && sign.starts_with('=') && ty.bytes().all(|b| b.is_ascii_alphanumeric());
+    if is_typed { text.trim_start().get(ty.len()..).unwrap_or(text).trim_start() } else { text }
+}
+
 /// A first word that begins no statement.
 fn unknown_word(text: &str, at: usize, word: &str, span: &dyn std::ops::Fn(usize, usize) -> Span) -> Diagnostic {
     let shown: String = if word.is_empty() { text.trim_start().chars().take(1).collect() } else { word.to_owned() };
     let length = shown.len();
     let behind = text.get(at + word.len()..).unwrap_or("").trim().trim_end_matches(';');
     let arguments = snippet::arguments(text, at + word.len());
-    let foreign = advice::help(Place::Statement, word, &Around { behind, ..Around::default() });
+    let behind = without_type(behind);
+    let bare = snippet::arguments(text, at + word.len()).filter(|(items, close)| {
+        items.len() > 1 && text.get(close + 1..).is_some_and(|t| t.trim_matches([' ', ';', '\n']).is_empty())
+    });
+    let listed = bare.map(|(items, _)| items.join(", "));
+    let behind = listed.as_deref().unwrap_or(behind);
+    let path = text.get(at..).unwrap_or("").split(['(', '[', '\n', '=', ' ']).next().unwrap_or("").trim();
+    let action = arguments
+        .as_ref()
+        .map(|(items, _)| items.clone())
+        .or_else(|| snippet::arguments(text, at + path.len()).map(|(items, _)| items));
+    let last = path.rsplit('.').next().unwrap_or("");
+    let foreign = habits::dicts::constructed(word, behind)
+        .map(|typed| format!("write `{typed}`"))
+        .or_else(|| habits::statements::looped(text.get(at..).unwrap_or("")))
+        .or_else(|| habits::statements::drawn(text.get(at..).unwrap_or("")))
+        .or_else(|| {
+            let is_action =
+                path.contains('.') || matches!(last, "disp" | "alert" | "printf" | "fprintf" | "savefig" | "figure");
+            is_action.then_some(())?;
+            let before = path.strip_suffix(last).unwrap_or("").trim_end_matches('.');
+            advice::help(Place::Action, last, &Around { before, arguments: action?, ..Around::default() })
+        })
+        .or_else(|| advice::help(Place::Statement, word, &Around { behind, ..Around::default() }))
+        .or_else(|| advice::is_module(word).then(|| "leave it out: nothing is set up here".to_owned()));
     let guess = suggest(word, statement_words());
     let help = match guess {
         _ if foreign.is_some() => foreign.unwrap_or_default(),
@@ -267,7 +326,7 @@ fn help(text: &str, at: usize, found: &str) -> Option<String> {
     }
     let help = match found {
         word if is_reserved(word) && declares(before.trim_start()) => {
-            return Some(format!("`{word}` is a word of the language and cannot be a name"));
+            return Some(format!("`{word}` is a word of the language and cannot be a name: write `{word}_`"));
         }
         "," if before.contains('(') => "values side by side are an array, in square brackets: `[a, b]`",
         "=" if before.ends_with(|c: char| c.is_ascii_alphanumeric() || c == '_') => {
@@ -276,6 +335,9 @@ fn help(text: &str, at: usize, found: &str) -> Option<String> {
         ":" => "a name before `:` names a field or an argument; a `let` has `=`",
         "with" => "replacements go in braces: `expr with { name: value }`",
         "then" | "else" => "`if` needs all three: `if c then a else b`",
+        "" if before.contains("if ") && before.contains(" then ") && !before.contains(" else ") => {
+            return Some(format!("`if` needs all three: write `{} else …`", before.trim()));
+        }
         "for" if text.contains("optimize") => {
             "there are no loops: runs with several values are a sweep, `sweep rate in [0.01, 0.1] { optimize … }`"
         }
@@ -283,6 +345,9 @@ fn help(text: &str, at: usize, found: &str) -> Option<String> {
         "while" | "return" => "there are no loops and no `return`: everything is an expression",
         "if" => "`if` is part of an expression: `let a = if c then x else y`",
         "\"" if text.trim_start().starts_with("save") => "write `save EXPR to \"image.png\"`",
+        "print" | "save" | "plot" | "expect" | "optimize" if text.trim_start().starts_with("fn ") => {
+            "a function makes a value and does nothing else: leave it out, and write it behind the function"
+        }
         word if is_reserved(word) => return Some(format!("`{word}` is a word of the language and cannot be a name")),
         "" => match before.chars().last() {
             Some('=' | '+' | '-' | '*' | '/' | '@' | '^' | '(' | ',' | ':' | '<' | '>') => {

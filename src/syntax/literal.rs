@@ -39,7 +39,20 @@ pub fn number(text: &str) -> Result<ExprKind, Wrong> {
                 "degrees" | "degree" | "degs" | "d" | "deg" => format!("write `{digits}deg`"),
                 "radians" | "radian" | "rads" | "r" | "rad" => format!("write `{digits}rad`"),
                 "turns" | "rev" | "turn" => format!("write `{digits}turn`"),
-                "f" | "l" | "u" | "n" | "i32" | "f32" | "f64" => format!("numbers are all of one kind: `{digits}`"),
+                "f" | "l" | "u" | "i32" | "f32" | "f64" => format!("numbers are all of one kind: `{digits}`"),
+                "spp" => format!("write `spp: {digits}`"),
+                size if size
+                    .strip_prefix('x')
+                    .is_some_and(|n| !n.is_empty() && n.bytes().all(|b| b.is_ascii_digit()))
+                    && digits != "0" =>
+                {
+                    format!("a size is an array: `[{digits}, {}]`", &size[1..])
+                }
+                hex if digits == "0" && hex.len() == 7 && hex.starts_with('x') && color(&hex[1..]).is_ok() => {
+                    format!("a colour is written `#{}`", &hex[1..])
+                }
+                "mm" | "cm" | "m" | "km" | "px" | "s" | "ms" => format!("lengths and times have no unit: `{digits}`"),
+                name if name.len() == 1 && name != "e" => format!("write `{digits} * {unit}`"),
                 _ => "the units are: `deg`, `rad`, `turn`, `%`; lengths have none".to_owned(),
             };
             wrong("dscene::syntax::unit", format!("there is no unit `{unit}`"), "unknown unit", Some(help))

@@ -11,6 +11,7 @@ mod scan;
 pub(crate) mod snippet;
 
 pub use format::format;
+pub(crate) use habits::heads::as_param;
 pub use scan::{KINDS, declared_name, is_blank, is_incomplete, is_reserved, statement_words};
 
 use pest::Parser;
@@ -95,6 +96,11 @@ fn read(source: SourceId, scan: &scan::Scan, visit: Option<&mut Visit>) -> (ast:
     let mut tree = ast::File::default();
     // Languages of which statements were found: all that a script has of one are one mistake.
     let mut foreign: Vec<&str> = Vec::new();
+    if diagnostics.iter().any(|d| d.message.contains("preprocessor")) {
+        foreign.push("GLSL");
+    }
+    // Words of the language that someone took for names: what uses them makes no other mistake.
+    let mut taken: Vec<&str> = Vec::new();
     for (piece, read) in scan.pieces.iter().zip(read_each(source, scan, visit)) {
         let Some(text) = scan.text.get(piece.start..piece.end) else { continue };
         let statements = tree.statements.len();
@@ -106,6 +112,9 @@ fn read(source: SourceId, scan: &scan::Scan, visit: Option<&mut Visit>) -> (ast:
             tree.unread.extend(read.unread);
             match read.statement {
                 Ok(kind) => {
+                    // What is imported there is told by the checker.
+                    let is_python = matches!(&kind, Some(ast::StatementKind::Import(import)) if import.is_of_python());
+                    foreign.extend(is_python.then_some("Python"));
                     let doc = piece.doc.clone();
                     tree.statements.extend(kind.map(|kind| ast::Statement { kind, doc, span }));
                 }
@@ -115,9 +124,14 @@ fn read(source: SourceId, scan: &scan::Scan, visit: Option<&mut Visit>) -> (ast:
                 }
                 Err(error) => {
                     let language = habits::formats::find(text).map(|found| found.language);
-                    if language.is_some_and(|language| foreign.contains(&language)) {
+                    let language = language.or(habits::formats::is_python(text).then_some("Python"));
+                    let word = errors::taken(text);
+                    if language.is_some_and(|language| foreign.contains(&language))
+                        || taken.contains(&errors::word_at(&error, text))
+                    {
                         continue;
                     }
+                    taken.extend(word);
                     foreign.extend(language);
                     let declared = |name: &str| {
                         tree.unread.iter().any(|n| n == name)
@@ -159,6 +173,11 @@ pub fn parse_expr(sources: &SourceMap, source: SourceId) -> (Option<ast::Expr>, 
         }
     };
     (expr.filter(|_| diagnostics.is_empty()), diagnostics)
+}
+
+/// Whether a text is a colour in hexadecimal digits.
+pub(crate) fn is_color(text: &str) -> bool {
+    literal::color(text).is_ok()
 }
 
 /// The text with comments turned to blanks, byte for byte.

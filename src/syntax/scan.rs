@@ -2,15 +2,14 @@
 //!
 //! Also blanks comments out, collects documentation, and finds unclosed brackets and strings and what is nested too deeply.
 
+mod brackets;
 mod foreign;
 
 use crate::diag::Diagnostic;
 use crate::source::{SourceId, Span};
-pub use foreign::is_directive;
-use foreign::{end_of_tags, is_division, is_from, is_tag, preprocessed};
-
-/// Deeper nesting than this is refused: no person writes it, and it would exhaust the stack.
-pub const MAX_DEPTH: usize = 100;
+use brackets::{closes, closes_nothing, closing, depth_is_fine, is_balanced, is_stray, report_unclosed};
+use foreign::{end_of_section, end_of_tags, foreign_comment, is_division, is_from, is_section, is_tag, preprocessed};
+pub use foreign::{is_block, is_directive};
 
 /// Words that only begin statements.
 const STATEMENTS: [&str; 12] =
@@ -125,6 +124,12 @@ pub fn declared_names(text: &str) -> Vec<&str> {
     let many = match first {
         "import" | "from" | "use" | "include" | "require" | "using" => text,
         _ if head.contains(',') && !is_test(text) && !head.contains('"') => head,
+        // `uniform float x;`
+        _ if !statement_words().any(|word| word == first) => {
+            let words = head.split(['(', '{', '[', ';', ':', '"', '.', '\n']).next().unwrap_or("").split_whitespace();
+            let words = words.filter(|word| !is_reserved(word));
+            return words.chain(declared_name(text)).chain(foreign::assigned_within(text)).collect();
+        }
         _ => return declared_name(text).into_iter().collect(),
     };
     many.split(|c: char| !is_word(c)).filter(|word| !word.is_empty() && !is_reserved(word)).collect()
@@ -187,10 +192,6 @@ impl Lexer<'_> {
                     self.string();
                     self.push(TokenKind::Other, start);
                 }
-                b'(' | b'[' | b'{' => {
-                    self.at += 1;
-                    self.push(TokenKind::Open, start);
-                }
                 b')' | b']' | b'}' => {
                     self.at += 1;
                     self.push(TokenKind::Close, start);
@@ -200,6 +201,11 @@ impl Lexer<'_> {
                     self.push(TokenKind::Word, start);
                 }
                 b'#' if self.is_foreign_comment() => self.foreign_comment(),
+                b'-' | b'%' | b';' | b'(' if foreign_comment(self.text, start).is_some() => self.foreign_comment(),
+                b'(' | b'[' | b'{' => {
+                    self.at += 1;
+                    self.push(TokenKind::Open, start);
+                }
                 b'0'..=b'9' | b'#' => {
                     self.at += 1;
                     self.word();
@@ -321,19 +327,18 @@ impl Lexer<'_> {
     /// Said once for a file, and then read as the comment that it is meant to be.
     fn foreign_comment(&mut self) {
         let start = self.at;
-        let end = self.text[start..].find('\n').map_or(self.bytes.len(), |n| start + n);
+        let line = self.text[start..].find('\n').map_or(self.bytes.len(), |n| start + n);
+        let (mark, end) = foreign_comment(self.text, start).unwrap_or(("#", line));
         let code = "dscene::syntax::comment";
         if !self.diagnostics.iter().any(|d| d.code == code) {
-            let text = self.text[start..end].trim_start_matches(['#', '!']).trim();
-            let told = match preprocessed(text) {
-                Some(help) => Diagnostic::error(code, "there is no preprocessor")
-                    .label(Span::new(self.source, start, start + 1), "begins a colour: `#ff8800`")
-                    .help(help),
-                None => Diagnostic::error(code, "comments begin with `//`, not with `#`")
-                    .label(Span::new(self.source, start, start + 1), "begins a colour: `#ff8800`")
-                    .help(format!("write `// {text}`")),
+            let text = self.text[start + mark.len()..end].trim_start_matches(['#', '!']).trim_end_matches("*)").trim();
+            let label = if mark == "#" { "begins a colour: `#ff8800`" } else { "begins no comment" };
+            let told = match preprocessed(text).filter(|_| mark == "#") {
+                Some(help) => Diagnostic::error(code, "there is no preprocessor").help(help),
+                None => Diagnostic::error(code, format!("comments begin with `//`, not with `{mark}`"))
+                    .help(format!("write `// {}`", text.lines().next().unwrap_or(""))),
             };
-            self.diagnostics.push(told);
+            self.diagnostics.push(told.label(Span::new(self.source, start, start + mark.len()), label));
         }
         self.comments.push((start, end));
         self.at = end;
@@ -433,9 +438,13 @@ fn split(source: SourceId, text: &str, tokens: &[Token], diagnostics: &mut Vec<D
         if token.start < read_from {
             continue;
         }
-        if open.is_empty() && is_tag(text, token.start) {
+        if open.is_empty() && (is_tag(text, token.start) || is_section(text, token.start)) {
             starts.push(token.start);
-            read_from = end_of_tags(text, token.start);
+            read_from = if is_tag(text, token.start) {
+                end_of_tags(text, token.start)
+            } else {
+                end_of_section(text, token.start)
+            };
             continue;
         }
         match token.kind {
@@ -443,6 +452,11 @@ fn split(source: SourceId, text: &str, tokens: &[Token], diagnostics: &mut Vec<D
             TokenKind::Close => match open.last() {
                 Some(o) if closes(text, o, token) => {
                     open.pop();
+                }
+                // One too many: what is open is closed further on.
+                Some(o) if !open.iter().any(|o| closes(text, o, token)) && is_stray(text, o, &tokens[i + 1..]) => {
+                    diagnostics.push(closes_nothing(source, text, token));
+                    broken.push(token.start);
                 }
                 Some(o) => {
                     let (found, wanted) = (&text[token.start..token.end], closing(text, o));
@@ -460,13 +474,7 @@ fn split(source: SourceId, text: &str, tokens: &[Token], diagnostics: &mut Vec<D
                     }
                 }
                 None => {
-                    diagnostics.push(
-                        Diagnostic::error(
-                            "dscene::syntax::unexpected",
-                            format!("`{}` closes nothing", &text[token.start..token.end]),
-                        )
-                        .label(Span::new(source, token.start, token.end), "no bracket is open here"),
-                    );
+                    diagnostics.push(closes_nothing(source, text, token));
                     broken.push(token.start);
                 }
             },
@@ -504,49 +512,6 @@ fn split(source: SourceId, text: &str, tokens: &[Token], diagnostics: &mut Vec<D
     pieces
 }
 
-fn report_unclosed(
-    source: SourceId,
-    text: &str,
-    open: &mut Vec<Token>,
-    broken: &mut Vec<usize>,
-    diagnostics: &mut Vec<Diagnostic>,
-) {
-    if let Some(first) = open.first() {
-        let (bracket, wanted) = (&text[first.start..first.end], closing(text, first));
-        diagnostics.push(
-            Diagnostic::error("dscene::syntax::unclosed", format!("this `{bracket}` is never closed"))
-                .label(Span::new(source, first.start, first.end), "opened here")
-                .help(format!("add the missing `{wanted}`")),
-        );
-        broken.extend(open.iter().map(|o| o.start));
-    }
-    open.clear();
-}
-
-fn closing(text: &str, open: &Token) -> char {
-    match text.as_bytes()[open.start] {
-        b'(' => ')',
-        b'[' => ']',
-        _ => '}',
-    }
-}
-
-fn closes(text: &str, open: &Token, close: &Token) -> bool {
-    text[close.start..close.end].starts_with(closing(text, open))
-}
-
-fn is_balanced(text: &str, tokens: &[Token]) -> bool {
-    let mut open: Vec<&Token> = Vec::new();
-    for token in tokens {
-        match token.kind {
-            TokenKind::Open => open.push(token),
-            TokenKind::Close if open.pop().is_none_or(|o| !closes(text, o, token)) => return false,
-            _ => {}
-        }
-    }
-    open.is_empty()
-}
-
 /// A statement's keyword, a kind before a name and its `{`, `=` or `:`, or two names side by side (which no expression has).
 fn begins_statement<'a>(
     tokens: &[Token],
@@ -582,11 +547,16 @@ fn begins_statement<'a>(
     }
     // `native fn` and `KIND let` are one statement.
     let previous = i.checked_sub(1).and_then(word);
-    if first == "fn" && (previous == Some("native") || matches!(shown(1), "=" | ">") && next == "(") {
+    let is_value = matches!(shown(1), "=" | ">") && (next == "(" || !begins_line(text, tokens[i].start));
+    if first == "fn" && (previous == Some("native") || is_value) {
         return false;
     }
     // `from std.studio import softbox`
     if first == "import" && is_from(text, tokens[i].start) {
+        return false;
+    }
+    // `let p = param(0.5)`: meant as a function, which is told as such.
+    if shown(1) == "=" && next == "(" && STATEMENTS.contains(&first) && !begins_line(text, tokens[i].start) {
         return false;
     }
     // Nothing that a colon leads to is a statement: `for i in range(3): print(i)`.
@@ -634,7 +604,7 @@ fn is_assignment(tokens: &[Token], i: usize, text: &str) -> bool {
     let shown = |t: &Token| &text[t.start..t.end];
     let first = shown(&tokens[i]);
     let is_loop = matches!(first, "for" | "if");
-    if !begins_line(text, tokens[i].start) || (is_reserved(first) && !is_loop) || KINDS.contains(&first) {
+    if !begins_line(text, tokens[i].start) || is_reserved(first) && !is_loop {
         return false;
     }
     let is_complete = match i.checked_sub(1).and_then(|p| tokens.get(p)) {
@@ -661,21 +631,44 @@ fn is_assignment(tokens: &[Token], i: usize, text: &str) -> bool {
     {
         next += 2;
     }
-    let Some(sign) = tokens.get(next) else { return is_directive(first) };
+    let Some(sign) = tokens.get(next) else {
+        return !matches!(shown(&tokens[i.saturating_sub(1)]), "over" | "within" | "of");
+    };
     let rest = &text[sign.start..];
-    let assigns = rest.starts_with('=') && !rest.starts_with("==") && !rest.starts_with("=>");
-    let changes = ["+=", "-=", "*=", "/=", "^=", "**=", ":=", "++", "--"].iter().any(|op| rest.starts_with(op));
-    // A call that ends its line does nothing.
-    let calls = rest.starts_with('(') && tokens[next - 1].end == sign.start;
-    // Two things side by side are never one expression.
     let same_line = !text[tokens[next - 1].end..sign.start].contains('\n');
-    let beside = same_line
-        && match sign.kind {
-            TokenKind::Word => !is_reserved(shown(sign)),
-            TokenKind::Other => rest.starts_with(|c: char| c.is_ascii_digit() || c == '"'),
-            _ => false,
-        };
-    assigns || changes || calls || beside || is_directive(first) && (!same_line || rest.starts_with('['))
+    // `plot a over` and `expect a ≈ b within` go on in the next line.
+    let goes_on = i.checked_sub(1).is_some_and(|p| matches!(shown(&tokens[p]), "over" | "within" | "of"));
+    let is_kind = KINDS.contains(&first) && next == i + 1;
+    // What a name that was forgotten is followed by is told elsewhere.
+    if is_kind && (rest.starts_with(['{', '=']) || !same_line) {
+        return false;
+    }
+    let assigns = rest.starts_with([':', '=']) && !rest.starts_with("==") && !rest.starts_with("=>");
+    let changes = ["+=", "-=", "*=", "/=", "^=", "**=", ":=", "++", "--", "<-"].iter().any(|op| rest.starts_with(op));
+    // A call that ends its line does nothing, and what is done to an element changes nothing.
+    let calls = rest.starts_with(['(', '[']) && tokens[next - 1].end == sign.start;
+    // Two things side by side are never one expression, nor is a word alone on its line a part of one.
+    let beside = match sign.kind {
+        TokenKind::Word => !is_reserved(shown(sign)) || STATEMENTS.contains(&shown(sign)),
+        TokenKind::Other => rest.starts_with(|c: char| c.is_ascii_digit() || c == '"'),
+        _ => false,
+    };
+    // `const { a, b } = c`, `do { … }`
+    let beside = beside || rest.starts_with('{') && !is_kind;
+    let is_list = rest.starts_with(',') && is_assigned_list(tokens, next, text);
+    let is_number = is_directive(first) && rest.starts_with(['[', '-', '.']);
+    let is_alone = !same_line && next == i + 1;
+    assigns || changes || is_list || is_number || !goes_on && (calls || beside && same_line || is_alone)
+}
+
+/// `, b = 3, 4` behind a name.
+fn is_assigned_list(tokens: &[Token], comma: usize, text: &str) -> bool {
+    let shown = |i: usize| tokens.get(i).map_or("", |t| &text[t.start..t.end]);
+    let mut at = comma;
+    while shown(at) == "," && tokens.get(at + 1).is_some_and(|t| t.kind == TokenKind::Word) {
+        at += 2;
+    }
+    shown(at) == "="
 }
 
 /// `camera {` or `param =` at the beginning of a line: a statement whose name was forgotten.
@@ -701,54 +694,6 @@ fn attach_docs(pieces: &mut [Piece], docs: &[(usize, usize, String)]) {
         piece.doc = lines.join("\n");
         from = piece.end;
     }
-}
-
-fn depth_is_fine(
-    source: SourceId,
-    text: &str,
-    tokens: &[Token],
-    piece: &Piece,
-    diagnostics: &mut Vec<Diagnostic>,
-) -> bool {
-    let first = tokens.partition_point(|t| t.start < piece.start);
-    // By open bracket: the words so far that nest what follows them, up to a comma or the next `let` of a block.
-    let mut words = vec![0usize];
-    for token in tokens[first..].iter().take_while(|t| t.start < piece.end) {
-        let (mut inside, level, rest) = (0, words.len() - 1, &text[token.start..]);
-        match token.kind {
-            TokenKind::Open => words.push(0),
-            TokenKind::Close => words.truncate(level.max(1)),
-            TokenKind::Word if matches!(&text[token.start..token.end], "if" | "else" | "with") => words[level] += 1,
-            TokenKind::Other if rest.starts_with("=>") => words[level] += 1,
-            TokenKind::Word if rest.starts_with("let ") => words[level] = 0,
-            TokenKind::Other if rest.starts_with(',') => words[level] = 0,
-            TokenKind::Other if rest.starts_with('"') => inside = brackets_in(&text[token.start..token.end]),
-            _ => continue,
-        }
-        if words.len() - 1 + inside > MAX_DEPTH || words.iter().sum::<usize>() > 2 * MAX_DEPTH {
-            diagnostics.push(
-                Diagnostic::error("dscene::syntax::too_deep", "this is nested too deeply to be read")
-                    .label(Span::new(source, token.start, token.end), format!("more than {MAX_DEPTH} levels deep here"))
-                    .help("split it into several `let` declarations"),
-            );
-            return false;
-        }
-    }
-    true
-}
-
-/// How deep the brackets of a string's interpolations go.
-fn brackets_in(string: &str) -> usize {
-    let (mut depth, mut deepest) = (0usize, 0usize);
-    for byte in string.bytes() {
-        match byte {
-            b'(' | b'[' | b'{' => depth += 1,
-            b')' | b']' | b'}' => depth = depth.saturating_sub(1),
-            _ => {}
-        }
-        deepest = deepest.max(depth);
-    }
-    deepest
 }
 
 #[cfg(test)]

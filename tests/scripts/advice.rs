@@ -6,6 +6,8 @@ use dscene::diag::Diagnostic;
 use dscene::ide::Analysis;
 use dscene::ide::fixes::fixes;
 
+use crate::other_languages;
+
 /// What the scripts may use.
 const SCENE: &str = "\
 camera eye { position: [0, 1, -4], look_at: [0, 0, 0], fov: 45deg, film: [64, 64] }
@@ -21,7 +23,7 @@ loss fit = mean(render(eye)) + n
 ";
 
 /// The wrong script, the text under the first label, the text to type (`…` and `NAME` stand for anything), the mended script.
-type Row = (&'static str, &'static str, &'static str, &'static str);
+pub type Row = (&'static str, &'static str, &'static str, &'static str);
 
 const ROWS: &[Row] = &[
     // Units.
@@ -249,7 +251,7 @@ const ROWS: &[Row] = &[
     ("let f(x) = x + 1", "let", "fn f(x) = x + 1", "fn f(x) = x + 1"),
     ("fn f(x) {\n  return x + 1\n}", "return", "x + 1", "fn f(x) {\n  x + 1\n}"),
     ("return n", "return", "print n", "print n"),
-    ("for i in range(3): print(i)", "for", "[… for i in 0..n]", "print [i for i in 0..n]"),
+    ("for i in range(3): print(i)", "for", "print [i for i in 0..3]", "print [i for i in 0..3]"),
     ("while c: n", "while", "[… for i in 0..n]", "print [i for i in 0..n]"),
     // Calls and statements.
     ("print(\"a\", 1)", ",", "print \"a\", 1", "print \"a\", 1"),
@@ -601,6 +603,11 @@ const ROWS: &[Row] = &[
     ),
 ];
 
+/// These and those of further languages.
+fn rows() -> impl Iterator<Item = &'static Row> {
+    ROWS.iter().chain(other_languages::ROWS)
+}
+
 /// Scripts with one mistake, whatever uses what is wrong, and the text that is to blame.
 const ONE_CAUSE: &[(&str, &str)] = &[
     ("let a = nowhere\nlet b = a + 1\nlet e = b.x + sin(b * 1deg)\nexpect e > b", "nowhere"),
@@ -647,7 +654,7 @@ const ONE_CAUSE: &[(&str, &str)] = &[
 #[test]
 fn one_cause_gives_one_error() {
     let mut failures = Vec::new();
-    for (script, blamed) in ONE_CAUSE {
+    for (script, blamed) in ONE_CAUSE.iter().chain(other_languages::ONE_CAUSE) {
         let found = errors(script);
         if found.len() != 1 || found[0].1 != *blamed {
             let shown: Vec<String> = found.iter().map(|(d, at)| format!("    {} at `{at}`", d.message)).collect();
@@ -704,7 +711,7 @@ fn contains(script: &str, typed: &str) -> bool {
 #[test]
 fn each_habit_gives_one_error_and_the_text_to_type() {
     let mut failures = Vec::new();
-    for (wrong, blamed, typed, mended) in ROWS.iter().filter(|row| !row.3.is_empty()) {
+    for (wrong, blamed, typed, mended) in rows().filter(|row| !row.3.is_empty()) {
         let found = errors(wrong);
         let shown: Vec<String> =
             found.iter().map(|(d, at)| format!("    {} at `{at}`: {:?}", d.message, d.helps)).collect();
@@ -757,14 +764,15 @@ fn editors_type_what_a_help_says() {
     // A text with a gap is nothing to type; a file that is not there is still wrong, and so is a number where a size belongs.
     let is_typed = |typed: &str| !["…", "NAME", "a..b"].iter().any(|gap| typed.contains(gap));
     // `1,000` becomes `1000`, which is right too; an import stands before all that the script has.
-    let is_last =
-        |wrong: &str| !["wood.png", "width: 64", "1,000", "studio.floor"].iter().any(|more| wrong.contains(more));
-    let typed = ROWS.iter().filter(|(wrong, _, typed, _)| is_typed(typed) && is_last(wrong));
+    let is_last = |wrong: &str| {
+        !["wood.png", "width: 64", "1,000", "studio.floor", "gold()"].iter().any(|more| wrong.contains(more))
+    };
+    let typed = rows().filter(|(wrong, _, typed, _)| is_typed(typed) && is_last(wrong));
     for (wrong, _, typed, mended) in typed.filter(|row| !row.3.is_empty()) {
         let found = fixed(wrong, mended);
         if found != *mended {
             failures.push(format!("{wrong:?} with `{typed}` should become\n    {mended:?}, became\n    {found:?}"));
         }
     }
-    assert!(failures.is_empty(), "{} of {}\n{}", failures.len(), ROWS.len(), failures.join("\n"));
+    assert!(failures.is_empty(), "{} of {}\n{}", failures.len(), rows().count(), failures.join("\n"));
 }

@@ -773,7 +773,7 @@ fn known_functions_take_named_arguments() {
     }
     let wrong = |text: &str, code| (format!("{functions}\nfn other(z: scalar) = z\nlet x = {text}"), code);
     refused_for(&[
-        wrong("[f(x: 2) for f in [less, other]]", "dscene::call::missing"),
+        wrong("[f(x: 2) for f in [less, other]]", "dscene::call::unknown_argument"),
         wrong("[f(y: 2) for f in [less, more]]", "dscene::call::unknown_argument"),
     ]);
 }

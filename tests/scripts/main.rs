@@ -41,6 +41,7 @@ mod materials;
 mod mesh_files;
 mod mutated_scripts;
 mod natives;
+mod other_languages;
 mod records;
 mod repl;
 mod scene_files;

@@ -27,7 +27,7 @@ impl<'a> Stop<'a> {
         let mut result = String::new();
         if let Some(rest) = body.strip_prefix("->") {
             let ty = leading_word(rest.trim_start());
-            result = format!(": {ty}");
+            result = format!(": {}", crate::diag::advice::type_name(ty).unwrap_or(ty));
             body = rest.trim_start().get(ty.len()..)?.trim_start();
         } else if !foreign && first == "fn" && !body.starts_with("=>") {
             return self.returned(&format!("fn {name}{parameters}"), close + 1);
@@ -45,9 +45,15 @@ impl<'a> Stop<'a> {
             .trim_end_matches(['}', ';'])
             .trim()
             .trim_end_matches(';');
-        body = body.strip_prefix("return ").unwrap_or(body).trim();
-        let body = if body.is_empty() || body.contains(['\n', ';']) { "…" } else { body };
-        let typed = format!("fn {name}{parameters}{result} = {body}");
+        let ended = if first == "function" { body.strip_suffix("end").unwrap_or(body).trim() } else { body };
+        let body = ended.strip_prefix("return ").unwrap_or(ended).trim();
+        let typed = match body.is_empty() || body.contains(['\n', ';']) {
+            true => match in_block(ended) {
+                Some(block) => format!("fn {name}{parameters}{result} {block}"),
+                None => format!("fn {name}{parameters}{result} = …"),
+            },
+            false => format!("fn {name}{parameters}{result} = {body}"),
+        };
         let message = if foreign || first == "let" {
             format!("`{first}` declares no function")
         } else {
@@ -131,6 +137,21 @@ impl<'a> Stop<'a> {
 
     /// What to write for an assignment to a name or a field.
     pub fn assigned(&self, left: &str, right: &str) -> Option<String> {
+        let base = leading_word(left);
+        if left.starts_with("gl_") || left == "fragColor" {
+            return Some("there are no shaders: pictures are made by `render(…)`, leave it out".to_owned());
+        }
+        if base.len() < left.len() && crate::diag::advice::is_module(base) {
+            return Some(format!(
+                "there is no `{base}` here: what a scene has is declared, as in `shape NAME {{ … }}`"
+            ));
+        }
+        if left.contains(['[', '\'', '"']) {
+            return Some("arrays and records keep their values: write it where they are declared".to_owned());
+        }
+        if crate::syntax::scan::KINDS.contains(&left) && right.starts_with('{') {
+            return Some(format!("write `{left} NAME {right}`"));
+        }
         if let Some((base, _)) = left.split_once('.') {
             return Some(format!(
                 "write it into the declaration of `{base}`, or make a changed one: `let changed = {base} with {{ {left}: {right} }}`"
@@ -237,4 +258,24 @@ impl<'a> Stop<'a> {
             habit(at, at + written.len(), "bounds are a range `lo..hi`", "not a range", help)
         })?
     }
+}
+
+/// The lines of a function's body as a block: `y = x + 1` and `return y`, each with what it is here.
+fn in_block(body: &str) -> Option<String> {
+    let lines: Vec<&str> = body
+        .split(['\n', ';'])
+        .map(|line| line.trim().trim_end_matches('}').trim())
+        .filter(|line| !line.is_empty())
+        .collect();
+    let (last, lets) = lines.split_last()?;
+    let last = last.strip_prefix("return ").unwrap_or(last);
+    let declared = |line: &&str| {
+        let (name, value) = line.split_once('=')?;
+        let name = name.split_whitespace().next_back()?;
+        let is_plain = leading_word(name) == name && !is_reserved(name) && !value.starts_with(['=', '>']);
+        is_plain.then(|| format!("let {name} = {}", value.trim()))
+    };
+    let lets: Vec<String> = lets.iter().map(declared).collect::<Option<_>>()?;
+    let is_value = expression_after(last, 0) == last && !last.contains("= ") && !is_reserved(leading_word(last));
+    (is_value && !lets.is_empty()).then(|| format!("{{ {} {last} }}", lets.join(" ")))
 }

@@ -1,8 +1,9 @@
 //! Statements of scene formats and shading languages: Mitsuba's XML, the directives of PBRT, lines of OBJ files, declarations of GLSL.
 //! Which one it is, and what to type for it.
 
-use super::leading_word;
-use crate::syntax::scan::is_directive;
+use super::{dicts, leading_word};
+use crate::diag::advice;
+use crate::syntax::scan::{KINDS, is_directive, statement_words};
 use crate::syntax::snippet::{closing, parts};
 
 /// A statement of another language.
@@ -24,7 +25,9 @@ pub fn find(text: &str) -> Option<Foreign> {
         None => {
             let word = leading_word(rest);
             let behind = rest.get(word.len()..)?.trim();
-            if is_directive(word) && is_arguments(behind) {
+            if let Some((language, help)) = dicts::section(rest) {
+                (language, rest.lines().next().map_or(1, |line| line.trim_end().len()), help)
+            } else if is_directive(word) && is_arguments(behind) {
                 ("PBRT", word.len(), directive(word, behind))
             } else if is_of_mesh(word, behind) {
                 ("OBJ", word.len(), "a mesh in a file is loaded: `mesh NAME = load(\"….obj\")`".to_owned())
@@ -34,6 +37,16 @@ pub fn find(text: &str) -> Option<Foreign> {
         }
     };
     Some(Foreign { language, start, end: start + length, help })
+}
+
+/// Whether a statement is one of a program in Python: `mi.set_variant("…")`, `image = mi.render(scene)`.
+pub fn is_python(text: &str) -> bool {
+    let begins = |text: &str| {
+        let word = leading_word(text.trim_start());
+        advice::is_module(word) && word != "std" && text.trim_start()[word.len()..].starts_with('.')
+    };
+    let is_declared = statement_words().any(|word| word == leading_word(text.trim_start()) && !KINDS.contains(&word));
+    !is_declared && (begins(text) || text.split_once('=').is_some_and(|(_, value)| begins(value)))
 }
 
 fn is_tag(c: char) -> bool {
@@ -178,7 +191,7 @@ fn light(kind: &str, radiance: Option<String>) -> String {
     match kind {
         "distant" | "directional" => "light NAME = directional(direction: …)".to_owned(),
         "point" => "light NAME = point(position: …)".to_owned(),
-        "spot" => "light NAME = spot(position: …, target: …)".to_owned(),
+        "spot" => "light NAME = spot(position: …, direction: …)".to_owned(),
         "area" => format!("light NAME = area(…, radiance: {radiance})"),
         "envmap" => "light NAME = environment(…)".to_owned(),
         _ => format!("light NAME = constant({radiance})"),

@@ -1,9 +1,13 @@
 //! Habits from other languages at the place where the parser stopped: which one it is, what proves it, and the text to type.
 //! The spellings themselves stand in [`crate::diag::advice`]; here is what has more to it than one word.
 
+mod choices;
 mod declared;
+pub mod dicts;
 pub mod formats;
-mod statements;
+pub mod heads;
+mod lists;
+pub mod statements;
 mod strings;
 
 use super::scan::{is_reserved, statement_words};
@@ -55,7 +59,9 @@ pub fn find(text: &str, at: usize, declared: &dyn Fn(&str) -> bool) -> Option<Ha
         .or_else(|| stop.function_value())
         .or_else(|| stop.declaration())
         .or_else(|| stop.statement())
+        .or_else(|| stop.head())
         .or_else(|| stop.record())
+        .or_else(|| stop.lists())
         .or_else(|| stop.word())
         .or_else(|| stop.operator())
         .or_else(|| stop.beside_a_number())
@@ -122,7 +128,20 @@ impl<'a> Stop<'a> {
                 format!("a function value is `{names} => {body}`"),
             );
         }
-        if matches!(previous, "new" | "await" | "const" | "mut") && !here.is_empty() && start > 0 {
+        if matches!(previous, "NOT" | "Not") && !here.is_empty() {
+            let help = format!("write `not {}`", operand_after(self.text, self.at));
+            return habit(start, start + 3, format!("there is no `{previous}`"), "not an operator", help);
+        }
+        if matches!(previous, "match" | "switch" | "case") && !rest.is_empty() && start > 0 {
+            let help = "write `if … then … else …`, with an `if` for each case";
+            return habit(start, start + previous.len(), format!("there is no `{previous}`"), "not needed", help);
+        }
+        if matches!(
+            previous,
+            "new" | "await" | "const" | "mut" | "try" | "async" | "yield" | "typeof" | "lazy" | "static"
+        ) && !here.is_empty()
+            && start > 0
+        {
             return habit(
                 start,
                 start + previous.len(),
@@ -131,6 +150,13 @@ impl<'a> Stop<'a> {
                 format!("leave it out: `{rest}`"),
             );
         }
+        self.word_beside()
+    }
+
+    /// The same for words behind or before a value: `30% scene`, `45 deg`, `save x as "f"`, `n is 3`.
+    fn word_beside(&self) -> Option<Habit> {
+        let (_, previous) = self.previous();
+        let here = self.here();
         if self.before().ends_with('%') && !here.is_empty() && !is_reserved(here) {
             let (part, whole) = (operand_before(self.text, self.at), operand_after(self.text, self.at));
             return habit(
@@ -164,7 +190,7 @@ impl<'a> Stop<'a> {
             let help = format!("write `to {}`", expression_after(self.text, self.at + 2));
             return habit(self.at, self.at + 2, "expected `to`, but found `as`", "expected `to`", help);
         }
-        if here == "in" && self.first() == "let" && open_bracket(self.text, self.at).is_none() {
+        if here == "in" && self.first() == "let" && previous != "let" && open_bracket(self.text, self.at).is_none() {
             let left = operand_before(self.text, self.at);
             let right = expression_after(self.text, self.at + 2);
             let (label, help) = if right.contains("..") {
@@ -213,6 +239,15 @@ impl<'a> Stop<'a> {
         let is_beside = start + previous.len() + 1 == self.at
             && here.starts_with(|c: char| c.is_ascii_alphabetic())
             && !is_reserved(here);
+        if matches!(here, "end" | "fi" | "endif" | "done") && !rest_has_word(self.rest(), here) {
+            return habit(
+                self.at,
+                self.at + here.len(),
+                format!("there is no `{here}`"),
+                "not needed",
+                "nothing is ended by a word; an `if` has an `else`",
+            );
+        }
         if number && is_beside && !advice::operators().contains(&here) {
             let digits = operand_before(self.text, self.at);
             let (label, help) = match here {
@@ -271,8 +306,10 @@ impl<'a> Stop<'a> {
                     let help = format!("a string holds values in braces: `\"… {{{behind}}}\"`");
                     return habit(start, end, "there is no operator `%` of texts", "not an operator", help);
                 }
-                let help =
-                    advice::help(Place::Operator, op, &around).or_else(|| advice::help(Place::Postfix, op, &around));
+                let help = self
+                    .read_otherwise(op, &around)
+                    .or_else(|| advice::help(Place::Operator, op, &around))
+                    .or_else(|| advice::help(Place::Postfix, op, &around));
                 let Some(help) = help else { continue };
                 let message = if op == "°" {
                     "there is no unit `°`".to_owned()
@@ -284,6 +321,21 @@ impl<'a> Stop<'a> {
             }
         }
         None
+    }
+
+    /// A sign that is meant otherwise beside these operands: `eye->position`, `v | sum()`, and `x += 1` where there is no `x`.
+    fn read_otherwise(&self, op: &str, around: &Around) -> Option<String> {
+        let (before, behind) = (around.before, around.behind.trim());
+        match op {
+            "->" if (self.declared)(before) => Some(format!("write `{before}.{behind}`")),
+            "|" if behind.ends_with(')') && leading_word(behind).len() < behind.len() => {
+                Some(format!("write `{before} |> {behind}`"))
+            }
+            "+=" | "-=" | "*=" | "**=" | "^=" if leading_word(before) == before && !(self.declared)(before) => {
+                Some(format!("values are declared: `let {before} = {behind}`"))
+            }
+            _ => None,
+        }
     }
 
     /// The operand behind a sign, in this language's words where it begins with a `!`.
@@ -326,7 +378,8 @@ impl<'a> Stop<'a> {
         }
         let left = operand_before(self.text, at);
         let right = expression_after(self.text, at + 1);
-        if statement_words().any(|word| word == left) {
+        let is_first = self.text.get(..at)?.trim() == left;
+        if is_first && statement_words().any(|word| word == left) {
             return None;
         }
         let is_name = !left.is_empty() && left.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_');
@@ -357,6 +410,14 @@ impl<'a> Stop<'a> {
             let help = format!("fields and named arguments have a colon: `{left}: {right}`");
             return habit(at, at + 1, "expected `:`, but found `=`", "expected `:`", help);
         }
+        // `lamp with { lamp.radiance = 3 }`
+        if let Some((brace, b'{')) = open
+            && self.text.get(..brace)?.trim_end().ends_with("with")
+            && lead.ends_with(['{', ','])
+        {
+            let help = format!("replacements have a colon: `{left}: {}`", expression_after(self.text, at + 1));
+            return habit(at, at + 1, "expected `:`, but found `=`", "expected `:`", help);
+        }
         let right = operand_after(self.text, at + 1);
         (!left.is_empty() && !right.is_empty() && !is_reserved(left))
             .then(|| habit(at, at + 1, message, "not a comparison", format!("to compare, write `{left} == {right}`")))?
@@ -374,15 +435,22 @@ impl<'a> Stop<'a> {
         let after_word = ["save", "print", "expect", "then", "else"].iter().any(|word| {
             before.strip_suffix(word).is_some_and(|lead| lead.is_empty() || lead.ends_with(char::is_whitespace))
         });
-        if !after_word && !before.ends_with(['=', '(', ',', '[', ':', '>', '{']) {
+        // `camera k { fov 40deg }`
+        let of_kind = super::scan::KINDS.contains(&self.first()) && self.text.find('{') == Some(open);
+        if !after_word && !of_kind && !before.ends_with(['=', '(', ',', '[', ':', '>', '{']) {
             return None;
         }
         let lead = self.before();
         let begins = |text: &str| text.len() == open + 1 || text.ends_with(',');
-        let is_quoted =
-            rest.starts_with(['"', '\'']) && begins(lead) || rest.starts_with(':') && lead.ends_with(['"', '\'']);
+        let is_quoted = rest.starts_with(['"', '\'']) && begins(lead)
+            || (rest.starts_with(':') || rest.starts_with("=>")) && lead.ends_with(['"', '\'']);
         if is_quoted {
-            let field = |part: &str| match part.split_once(':') {
+            let whole = self.text.get(open..=closing(self.text, open)?)?;
+            if let Some(typed) = dicts::typed(whole) {
+                let help = format!("what has a `type` elsewhere is made by a function: `{typed}`");
+                return habit(open, open + whole.len(), "things are not written as dictionaries", "not a value", help);
+            }
+            let field = |part: &str| match part.split_once("=>").or_else(|| part.split_once(':')) {
                 Some((name, value)) => format!("{}: {}", name.trim().trim_matches(['"', '\'']), value.trim()),
                 None => part.to_owned(),
             };
@@ -398,8 +466,9 @@ impl<'a> Stop<'a> {
         let behind = self.text.get(start + name.len()..)?;
         let at = start + name.len() + behind.len() - behind.trim_start().len();
         let value = operand_after(self.text, at);
-        let is_name = name.starts_with(|c: char| c.is_ascii_alphabetic());
-        if is_name && begins(self.text.get(..start)?.trim_end()) && !value.is_empty() {
+        let is_name = name.starts_with(|c: char| c.is_ascii_alphabetic()) && !is_reserved(name) && name != "return";
+        let is_beside = of_kind && start == self.at && value.starts_with(|c: char| c.is_ascii_digit() || c == '[');
+        if is_name && (begins(self.text.get(..start)?.trim_end()) || is_beside) && !value.is_empty() {
             let help = format!("write `{name}: {value}`");
             return habit(at, at + value.len(), "a field needs its `:`", "expected `:`", help);
         }
@@ -412,6 +481,11 @@ impl<'a> Stop<'a> {
             _ if self.rest().starts_with('{') => self.at,
             // The parser took it for a block, up to the first colon or comma.
             Some((open, b'{')) if self.rest().starts_with([':', ',']) => open,
+            Some((open, b'{'))
+                if self.before().ends_with('{') && self.rest().starts_with(|c: char| c.is_ascii_digit()) =>
+            {
+                open
+            }
             _ => return None,
         };
         let close = closing(self.text, at)?;
@@ -440,6 +514,11 @@ impl<'a> Stop<'a> {
         let is_value = before.strip_suffix(called)?.trim_end().ends_with(['=', ':', '(', ',', '[', '>']);
         let is_plain = !called.is_empty() && leading_word(called) == called && !is_reserved(called);
         if is_value && is_plain && self.rest().starts_with('{') && inside.contains(':') && !inside.contains('\n') {
+            if (self.declared)(called) {
+                let fields: Vec<String> = parts(inside).iter().map(|field| format!("{called}.{field}")).collect();
+                let help = format!("write `{called} with {{ {} }}`", fields.join(", "));
+                return habit(at, at + 1, "what is changed stands behind `with`", "expected `with`", help);
+            }
             let help = format!("write `{called}({inside})`");
             return habit(at, at + 1, "a call has round brackets", "expected `(`", help);
         }
@@ -596,49 +675,6 @@ impl<'a> Stop<'a> {
         habit(self.at, self.at + argument.len(), format!("`{argument}` does not fit here"), "an argument?", help)
     }
 
-    /// `c ? a : b`, `a if c else b`, `if c: a else: b`.
-    fn choice(&self) -> Option<Habit> {
-        let rest = self.rest();
-        if rest.starts_with('?') && !rest.starts_with("??") {
-            let whole = expression_after(self.text, self.at + 1);
-            let start = value_start(self.text, self.at);
-            let typed = chosen(self.text.get(start..self.at)?.trim(), whole)?;
-            return habit(
-                self.at,
-                self.at + 1,
-                "there is no operator `?`",
-                "not an operator",
-                format!("write `{typed}`"),
-            );
-        }
-        if self.here() == "if" {
-            let start = value_start(self.text, self.at);
-            let then = self.text.get(start..self.at)?.trim();
-            let (condition, otherwise) = expression_after(self.text, self.at + 2).split_once(" else ")?;
-            if then.is_empty() {
-                return None;
-            }
-            let typed = format!("if {} then {then} else {}", condition.trim(), otherwise.trim());
-            return habit(
-                self.at,
-                self.at + 2,
-                "an `if` begins with its condition",
-                "comes first",
-                format!("write `{typed}`"),
-            );
-        }
-        if rest.starts_with(':')
-            && let Some(start) = last_word(self.before(), "if")
-        {
-            let condition = self.before().get(start + 2..)?.trim();
-            let (then, otherwise) = rest.get(1..)?.split_once("else")?;
-            let otherwise = expression_after(otherwise.trim_start_matches([':', ' ', '\n']), 0);
-            let typed = format!("if {condition} then {} else {otherwise}", then.trim());
-            return habit(self.at, self.at + 1, "an `if` has no colon", "expected `then`", format!("write `{typed}`"));
-        }
-        None
-    }
-
     /// `;`, `|x| x + 1`.
     fn signs(&self) -> Option<Habit> {
         let rest = self.rest();
@@ -679,30 +715,9 @@ impl<'a> Stop<'a> {
     }
 }
 
-/// Longest choice that is written anew with those that stand in it.
-const LONGEST_CHOICE: usize = 400;
-
-/// `c ? a : b` as an `if`, with those that stand in it.
-fn chosen(condition: &str, rest: &str) -> Option<String> {
-    if rest.len() > LONGEST_CHOICE {
-        return None;
-    }
-    let mut depth = 0usize;
-    let colon = rest.char_indices().find_map(|(at, c)| {
-        match c {
-            '?' => depth += 1,
-            ':' if depth == 0 => return Some(at),
-            ':' => depth -= 1,
-            _ => {}
-        }
-        None
-    })?;
-    let branch = |text: &str| match text.split_once('?') {
-        Some((condition, rest)) => chosen(condition.trim(), rest),
-        None => Some(text.trim().to_owned()),
-    };
-    let (then, otherwise) = (branch(rest.get(..colon)?)?, branch(rest.get(colon + 1..)?)?);
-    Some(format!("if {condition} then {then} else {otherwise}"))
+/// Whether anything follows the word with which a text begins.
+fn rest_has_word(text: &str, word: &str) -> bool {
+    !text[word.len()..].trim().is_empty()
 }
 
 fn leading_word(text: &str) -> &str {

@@ -55,7 +55,14 @@ impl Stop<'_> {
             }
             while fields.is_empty() || !words.is_empty() && !words.starts_with(',') {
                 let word = leading_word(words);
-                let value = operand_after(words, word.len());
+                if word.parse::<u32>().is_ok() {
+                    fields.push(format!("steps: {word}"));
+                    words = words.get(word.len()..)?.trim().trim_start_matches("steps").trim_start();
+                    continue;
+                }
+                let signed = words.get(word.len()..)?;
+                let skipped = signed.len() - signed.trim_start_matches([':', '=', ' ']).len();
+                let value = operand_after(words, word.len() + skipped);
                 let after = words.get(word.len()..)?.find(value)? + word.len() + value.len();
                 words = words.get(after..)?.trim().trim_start_matches("steps").trim_start();
                 fields.push(match word {
@@ -101,6 +108,24 @@ impl Stop<'_> {
     fn imported(&self) -> Option<Habit> {
         let start = self.behind_first();
         let rest = self.text.get(start..)?.trim_end();
+        // `import std.{studio, presets}`, `import std.studio, std.presets`
+        let listed = rest.strip_prefix("std.{").and_then(|list| list.strip_suffix('}'));
+        let modules = parts(listed.unwrap_or(rest));
+        let is_module =
+            |name: &&str| !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || "_.".contains(c));
+        if (modules.len() > 1 || listed.is_some()) && modules.iter().all(is_module) {
+            let typed: Vec<String> = modules
+                .iter()
+                .map(|name| name.trim_start_matches("std."))
+                .map(|name| format!("import std.{name} as {name}"))
+                .collect();
+            let help = format!("each module has an `import` of its own: `{}`", typed.join(" "));
+            return habit(start, start + rest.len(), "an `import` brings one module", "several modules", help);
+        }
+        if rest.starts_with("std.*") {
+            let help = "write `import std.studio as studio`, and so for each module that is used";
+            return habit(start, start + rest.len(), "an `import` brings one module", "several modules", help);
+        }
         let (names, path) = match rest.split_once(" from ") {
             Some((names, path)) => (names.trim(), path.trim()),
             None => rest.split_once("\":").map(|(path, names)| (names.trim(), &rest[..=path.len()]))?,
@@ -123,7 +148,9 @@ impl Stop<'_> {
         let (module, names) = self.text.get(self.behind_first()..)?.split_once("import")?;
         let (module, names) = (module.trim(), names.trim());
         let name = names.split([',', ' ']).next()?;
-        let help = if let Some(name_of) = module.strip_prefix("std.") {
+        let help = if module == "std" {
+            format!("write `import std.{name} as {name}`")
+        } else if let Some(name_of) = module.strip_prefix("std.") {
             format!("write `import {module} as {name_of}`, then `{name_of}.{name}`")
         } else if advice::is_module(module.split('.').next()?) {
             "leave it out: all functions of the library are there".to_owned()
@@ -194,6 +221,63 @@ impl Stop<'_> {
         };
         habit(start, name_end, message, "expected a statement here", format!("write `{typed}`"))
     }
+}
+
+/// The comprehension for a loop that shows or fills something: `for i in range(3): print(i)`.
+pub fn looped(text: &str) -> Option<String> {
+    let head = text.strip_prefix("for ")?.trim_start_matches('(');
+    let (name, items) = head.split_once(" in ").or_else(|| head.split_once(" = "))?;
+    let (name, lines) = (name.trim(), items.trim_end());
+    let end = lines.find(['{', '\n']).or(lines.find(": ")).unwrap_or(lines.len());
+    let end = if lines[..end].trim_end().ends_with(':') { lines[..end].rfind(':')? } else { end };
+    // `for (int i = 0; i < 3; i++)`
+    if let Some((start, rest)) = lines.get(..end)?.split_once(';') {
+        let stop = rest.split(';').next()?.split(['<', '=', '>']).next_back()?.trim();
+        let name = name.split_whitespace().next_back()?;
+        return Some(format!(
+            "there are no loops: an array is built at once: `[… for {name} in {}..{stop}]`",
+            start.trim()
+        ));
+    }
+    let call = lines.starts_with("range(").then(|| arguments(lines, "range".len())).flatten();
+    let items = match call.as_ref().map(|(items, _)| items.as_slice()) {
+        Some([end]) => format!("0..{end}"),
+        Some([start, end, ..]) => format!("{start}..{end}"),
+        _ => lines.get(..end)?.trim().trim_end_matches(')').replacen(':', "..=", 1),
+    };
+    let body = lines.get(end..)?.trim_start_matches([':', '{']).trim().trim_end_matches('}').trim();
+    let shown = body.strip_prefix("print").filter(|shown| !shown.contains(['\n', ','])).map(str::trim);
+    let shown = shown.map(|shown| shown.strip_prefix('(').and_then(|s| s.strip_suffix(')')).unwrap_or(shown));
+    let is_plain = !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || "_, ".contains(c));
+    let typed = match shown.filter(|shown| !shown.is_empty()) {
+        Some(shown) => format!("print [{shown} for {name} in {items}]"),
+        None => format!("[… for {name} in {items}]"),
+    };
+    (is_plain && !items.is_empty()).then(|| format!("there are no loops: an array is built at once: `{typed}`"))
+}
+
+/// A picture that is to be made or saved, `render eye to "a.png"`, and what OpenSCAD moves: `translate([1, 0, 0]) sphere(2)`.
+pub fn drawn(text: &str) -> Option<String> {
+    let text = text.trim().trim_end_matches(';');
+    let word = leading_word(text);
+    if word == "render" {
+        let value = operand_after(text, word.len());
+        let value = if value.starts_with('(') { value.to_owned() } else { format!("({value})") };
+        let path = text.split_once(" to ").map(|(_, path)| path.trim()).filter(|path| path.starts_with('"'));
+        return match path {
+            Some(path) => Some(format!("write `save render{value} to {path}`")),
+            None if text.starts_with("render(") || value.len() < 3 => None,
+            None => Some(format!("write `let image = render{value}`")),
+        };
+    }
+    let (moved, close) = arguments(text, word.len())?;
+    let rest = text.get(close + 1..)?.trim();
+    let mesh = rest.trim_matches(['{', '}', ' ', ';']);
+    let (made, end) = arguments(mesh, leading_word(mesh).len())?;
+    let is_one =
+        matches!(word, "translate" | "rotate" | "scale") && end + 1 == mesh.len() && !leading_word(mesh).is_empty();
+    let mesh = format!("{}({})", leading_word(mesh), made.join(", "));
+    is_one.then(|| format!("write `shape NAME {{ mesh: {mesh} |> {word}({}) }}`", moved.join(", ")))
 }
 
 /// The last dot outside of brackets and strings.

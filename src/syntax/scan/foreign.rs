@@ -102,3 +102,93 @@ pub fn is_from(text: &str, at: usize) -> bool {
     let line = text[..at].rfind('\n').map_or(0, |at| at + 1);
     text[line..at].trim_start().starts_with("from ")
 }
+
+/// The mark of another language's comment, and where the comment ends: `-- text`, `% text` and `; text` on lines of their own, `(* text *)`.
+pub fn foreign_comment(text: &str, at: usize) -> Option<(&'static str, usize)> {
+    let rest = &text[at..];
+    if rest.starts_with("(*") {
+        return rest.find("*)").map(|end| ("(*", at + end + 2));
+    }
+    let mark = ["--", "%", ";"].into_iter().find(|mark| rest.starts_with(mark))?;
+    let is_text = rest[mark.len()..].trim_start_matches([' ', '%', ';']).starts_with(char::is_alphabetic);
+    let end = rest.find('\n').map_or(text.len(), |end| at + end);
+    let spaced = rest[mark.len()..].starts_with([' ', '%', ';']);
+    (is_text && spaced && begins_line(text, at)).then_some((mark, end))
+}
+
+/// Words of Python, Julia, MATLAB and shells that begin a block.
+const BLOCKS: [&str; 15] = [
+    "def", "class", "for", "while", "if", "with", "elif", "else", "try", "except", "finally", "function", "begin",
+    "async", "do",
+];
+
+/// Whether a word begins a block in other languages.
+pub fn is_block(word: &str) -> bool {
+    BLOCKS.contains(&word)
+}
+
+/// Whether a block of another language begins here: `def f(x):` and `camera:` with indented lines, `[camera]`, `function f(x)` up to `end`,
+/// `{ "camera": …`.
+pub fn is_section(text: &str, at: usize) -> bool {
+    begins_line(text, at) && (end_of_section(text, at) > at)
+}
+
+/// Where such a block ends; `at` if none begins there.
+pub fn end_of_section(text: &str, at: usize) -> usize {
+    let rest = &text[at..];
+    let line = rest.lines().next().unwrap_or("").trim_end();
+    let margin = text[..at].rfind('\n').map_or(at, |start| at - start - 1);
+    let word = &line[..line.find(|c: char| !(c.is_ascii_alphanumeric() || c == '_')).unwrap_or(line.len())];
+    let indent = |line: &str| line.len() - line.trim_start().len();
+    let behind = || rest.lines().skip(1);
+    let is_within = |line: &&str| line.trim().is_empty() || indent(line) > margin;
+    if line.starts_with('[') {
+        let name = line.trim_matches(['[', ']']);
+        let is_name = |c: char| c.is_ascii_alphanumeric() || "_.\"- ".contains(c);
+        let is_header = line.ends_with(']') && !name.is_empty() && name.chars().all(is_name);
+        let is_entry = |line: &&str| {
+            let key = line.split('=').next().unwrap_or("").trim();
+            line.trim().is_empty() || line.contains('=') && !key.is_empty() && !key.contains(' ')
+        };
+        let is_list = name.split(',').all(|item| item.trim().parse::<f64>().is_ok());
+        return if is_header && !is_list { end_after(text, at, behind().take_while(is_entry).count()) } else { at };
+    }
+    if line.starts_with('{') && rest[1..].trim_start().starts_with('"') {
+        return crate::syntax::snippet::closing(text, at).map_or(at, |end| end + 1);
+    }
+    let item = rest
+        .strip_prefix("- ")
+        .map(|item| &item[..item.find(|c: char| !c.is_ascii_alphanumeric()).unwrap_or(item.len())]);
+    if item.is_some_and(|key| !key.is_empty() && rest[2 + key.len()..].starts_with(": ")) {
+        let is_item = |line: &&str| is_within(line) || line.trim_start().starts_with("- ");
+        return end_after(text, at, behind().take_while(is_item).count());
+    }
+    if word.is_empty() {
+        return at;
+    }
+    let is_block = BLOCKS.contains(&word);
+    let is_mapping = line.strip_prefix(word).is_some_and(|colon| colon.trim() == ":");
+    if line.ends_with(':') && (is_block || is_mapping) {
+        return end_after(text, at, behind().take_while(is_within).count());
+    }
+    if is_block && !line.contains(['{', ':']) || is_block && line.contains("= ") && !line.contains('{') {
+        let end = behind().take_while(|line| is_within(line) || line.trim() == "end").position(|l| l.trim() == "end");
+        return end.map_or(at, |lines| end_after(text, at, lines + 1));
+    }
+    at
+}
+
+/// Where the text ends of the line at a place and so many behind it.
+fn end_after(text: &str, at: usize, lines: usize) -> usize {
+    at + text[at..].split_inclusive('\n').take(lines + 1).collect::<String>().trim_end().len()
+}
+
+/// Names that get a value within a block of another language.
+pub fn assigned_within(text: &str) -> impl Iterator<Item = &str> {
+    text.lines().skip(1).filter_map(|line| {
+        let (name, value) = line.split_once('=')?;
+        let name = name.trim();
+        let is_name = !name.is_empty() && name.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_');
+        (is_name && !value.starts_with('=')).then_some(name)
+    })
+}
