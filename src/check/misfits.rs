@@ -466,7 +466,8 @@ impl Checker<'_> {
     pub fn conversion_help(&self, wanted: &Sig, found: &Typed, span: Span) -> Option<String> {
         let text = self.sources.text(span);
         let short = if text.len() <= 40 && !text.contains('\n') { text } else { "…" };
-        let literal = matches!(found.expr.kind, ExprKind::Number(_) | ExprKind::Unary { .. });
+        // `2` and `-2`, behind which a unit may stand, but neither `-x` nor `10%`.
+        let literal = short.trim_start_matches('-').parse::<f64>().is_ok();
         let open = |c: &char| !matches!(c, 'N' | 'Q');
         let accepts = |ty: Ty| {
             wanted.accepts(&ty, None) && !matches!(wanted, Sig::Any) && !matches!(wanted, Sig::Var(c) if open(c))
@@ -492,7 +493,9 @@ impl Checker<'_> {
                     // Someone who writes `pi / 4` means radians.
                     let is_circle = ["pi", "tau", "3.14", "1.57", "6.28"].iter().any(|part| short.contains(part));
                     let unit = if is_circle { "rad" } else { "deg" };
-                    format!("angles have a unit: `{factor} * 1{unit}`")
+                    // A share is one of something.
+                    let times = if short.ends_with('%') { "of" } else { "*" };
+                    format!("angles have a unit: `{factor} {times} 1{unit}`")
                 }
             }
             Ty::Image { .. } if *wanted == Sig::Angles => format!("angles have a unit: `{factor} * 1rad`"),

@@ -74,9 +74,10 @@ pub(crate) use lints::{
 };
 use modules::Checker;
 pub use modules::ModuleId;
-pub(crate) use modules::{PRELUDE, is_private, normal};
+pub(crate) use modules::{PRELUDE, is_private};
+pub(crate) use paths::normal;
 pub use signature::TYPE_NAMES;
-pub(crate) use sweep::SEED;
+pub(crate) use sweep::{SEED, unused};
 pub use understanding::{Understanding, understand};
 
 /// The outside world as the checker sees it.

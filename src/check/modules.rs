@@ -11,6 +11,7 @@ use super::library::{self, LIBRARY};
 use super::lints;
 use super::log::DiagnosticLog;
 use super::other_files;
+use super::paths::normal;
 use super::schedules::At;
 use super::signature::{Const, FunctionKey, Sig};
 use super::trial::MOST_TRIED;
@@ -786,19 +787,4 @@ pub fn override_field(kind: &mut StatementKind, field: ast::Name, value: ast::Ex
         None => args.push(ast::Argument { name: Some(field), value }),
     }
     true
-}
-
-/// Normalises a path, so that `a/./b/../c` and `a/c` are the same file.
-pub fn normal(path: &Path) -> PathBuf {
-    let mut out = PathBuf::new();
-    for part in path.components() {
-        match part {
-            std::path::Component::CurDir => {}
-            std::path::Component::ParentDir if out.file_name().is_some() => {
-                out.pop();
-            }
-            part => out.push(part),
-        }
-    }
-    out
 }

@@ -61,6 +61,10 @@ impl Checker<'_> {
             return Some("divide an angle by `1rad` (or `1deg`) to get a number".to_owned());
         }
         let text = self.sources.text(number.expr.span);
+        if text.ends_with('%') {
+            let angle = if std::ptr::eq(number, left) { right } else { left };
+            return Some(format!("a share is one of something: `{text} of {}`", self.short(angle, "angle")));
+        }
         Some(match number.expr.kind {
             ExprKind::Number(_) => format!("give it a unit: `{text}deg` or `{text}rad`"),
             _ => format!("multiply the number by a unit: `({text}) * 1deg`"),

@@ -1,4 +1,4 @@
-//! Files that are not there: what was probably meant.
+//! Paths: when two are the same file, and of files that are not there what was probably meant.
 
 use std::path::{Path, PathBuf};
 
@@ -62,6 +62,21 @@ fn names(folder: &Path) -> Vec<String> {
     let mut names: Vec<String> = entries.filter_map(|entry| entry.file_name().into_string().ok()).collect();
     names.sort_unstable();
     names
+}
+
+/// Normalises a path, so that `a/./b/../c` and `a/c` are the same file.
+pub fn normal(path: &Path) -> PathBuf {
+    let mut out = PathBuf::new();
+    for part in path.components() {
+        match part {
+            std::path::Component::CurDir => {}
+            std::path::Component::ParentDir if out.file_name().is_some() => {
+                out.pop();
+            }
+            part => out.push(part),
+        }
+    }
+    out
 }
 
 #[cfg(test)]

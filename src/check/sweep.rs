@@ -341,6 +341,17 @@ impl Checker<'_> {
     }
 }
 
+/// An error if nothing that a run does depends on a declaration which the command line sweeps over.
+pub fn unused(program: &Program, name: &str) -> Option<Diagnostic> {
+    let id = program.find(name).filter(|id| !flow::used_by_actions(program).contains(id))?;
+    let message = format!("nothing that a run does depends on `{name}`");
+    Some(
+        Diagnostic::error("dscene::sweep::unused", message)
+            .label(program.decl(id).name_span, "all its values give the same")
+            .help("use it, or sweep over what a run depends on"),
+    )
+}
+
 /// `sweep` with its variables.
 fn head(sweep: &ast::Sweep) -> Span {
     let end = sweep.variables.last().map_or(sweep.span.start, |v| v.values.span.end);

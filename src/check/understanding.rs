@@ -7,7 +7,8 @@ use std::sync::Arc;
 
 use super::hir::{DeclId, Program};
 use super::lines::{Knowledge, Known};
-use super::modules::{Checker, Module, ModuleId, PRELUDE, is_private, lookup_in, normal};
+use super::modules::{Checker, Module, ModuleId, PRELUDE, is_private, lookup_in};
+use super::paths::normal;
 use super::signature;
 use super::types::Ty;
 use super::{Disk, Loader, library, with_room};

@@ -108,7 +108,8 @@ impl Optimization {
     pub fn unfelt(&self, engine: &mut Engine) -> Option<Diagnostic> {
         let unfelt = self.memory.felt.iter().filter(|(_, felt)| !**felt);
         let names: Vec<String> = unfelt.map(|(name, _)| format!("`{name}`")).collect();
-        if names.is_empty() || self.done() == 0 {
+        // Where the loss is 0 all along there was nothing to do.
+        if names.is_empty() || self.done() == 0 || self.losses() == Some((0.0, 0.0)) {
             return None;
         }
         let (steps, name) = (self.done(), self.name());
@@ -124,7 +125,7 @@ impl Optimization {
                 "it goes through {edge}, where the slope is infinite and its derivative counts as 0: start beside that, or keep away from it, as \
                  `sqrt(x + 1e-9)` does"
             )),
-            None => told.help("is it in view, lit, and within reach of what the loss compares?"),
+            None => told.help("is it in view, lit, and within reach of what the loss compares? or does it start where the loss is least?"),
         })
     }
 

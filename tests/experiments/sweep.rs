@@ -127,6 +127,12 @@ fn any_script_is_swept_over_from_the_command_line() {
         "{:?}",
         fs::read_dir(place.path("b")).unwrap().flatten().collect::<Vec<_>>()
     );
+    // What nothing depends on has no rows of its own.
+    place.write("u.dscene", "let idle = 20deg\nprint 1\n");
+    let output = place.dsl(&["sweep", "u.dscene", "--set", "idle=10deg,20deg", "--out", "u"]);
+    assert_code(&output, 1);
+    assert!(stderr(&output).contains("nothing that a run does depends on `idle`"), "{}", stderr(&output));
+    assert_code(&place.dsl(&["sweep", "u.dscene", "--set", "idle=10deg", "--out", "u"]), 0);
     place.write("c.dscene", TRIANGLE.to_owned() + "print mean(render(eye))");
     let output = place.dsl(&["sweep", "c.dscene", "--set", "eye.film=[4, 4],[8, 8]", "--quiet"]);
     assert_code(&output, 0);

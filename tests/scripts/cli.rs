@@ -203,6 +203,12 @@ fn an_optimisation_says_how_far_it_came_and_what_it_did_not_feel() {
     let text = stderr(&output);
     assert!(text.contains("optimised `fit` from ") && text.contains("3 steps in "), "{text}");
     assert!(text.contains("with respect to `unseen` was 0 in all 3 steps"), "{text}");
+    // Nothing is missing where there was nothing to do.
+    for (least, is_told) in [("0", false), ("1", true)] {
+        place.write("s.dscene", format!("param t = 3\nloss l = (t - 3) ^ 2 + {least}\noptimize l {{ steps: 2 }}\n"));
+        let text = stderr(&place.dsl(&["run", "s.dscene"]));
+        assert_eq!(text.contains("with respect to `t` was 0"), is_told, "{text}");
+    }
     let silhouettes = ["grad", "t.dscene", "--of", "mean(render(eye, boundary: false))", "--wrt", "corners"];
     let text = stderr(&place.dsl(&silhouettes));
     assert!(text.contains("`boundary: false` leaves out silhouettes"), "{text}");

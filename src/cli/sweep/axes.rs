@@ -182,11 +182,19 @@ fn check_values(args: &SweepArgs, axes: &[Axis], terminal: &mut Terminal) -> Opt
         for value in axis.values.iter().take(CHECKED).skip(usize::from(i > 0)) {
             let mut set = set.clone();
             set[i].value.clone_from(value);
-            let check::Checked { diagnostics, sources, .. } =
+            let check::Checked { program, diagnostics, sources } =
                 check_file(&args.run.file, &Common { set, ..args.run.common.clone() });
             let errors: Vec<&Diagnostic> = diagnostics.iter().filter(|d| d.is_error()).collect();
             if !errors.is_empty() {
                 errors.into_iter().for_each(|d| terminal.diagnostic(d, &sources));
+                return None;
+            }
+            // Of the script's own variables that is told when it is checked.
+            let mut swept = args.run.common.set.iter().map(|set| set.name.as_str()).filter(|name| *name == axis.name);
+            if let (Some(program), Some(name)) = (&program, swept.next().filter(|_| axis.values.len() > 1))
+                && let Some(told) = check::unused(program, name)
+            {
+                terminal.diagnostic(&told, &sources);
                 return None;
             }
         }
