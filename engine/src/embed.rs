@@ -352,7 +352,7 @@ mod tests {
         let mut scene = SceneBuilder::new();
         let [dark, light] = [0.1, 0.9].map(|grey| scene.diffuse(Vec3::splat(grey)));
         let [weight, opacity] = [0.25, 0.5].map(|x| scene.scalar(x));
-        let blend = Some(Blend { kind: light.kind, grain: None, coat: None, weight });
+        let blend = Some(Blend { kind: light.kind, grain: None, sheen: None, coat: None, weight });
         scene.shape("floor", rectangle(4.0, 4.0).unwrap(), Material { blend, opacity: Some(opacity), ..dark });
         let scene = scene.build().unwrap();
         let slot = |field: &str| scene.slot(&format!("floor.{field}")).ok();

@@ -128,12 +128,14 @@ impl Checker<'_> {
         };
         let Callee::Native(id) = call.callee else { return false };
         let native = self.slot(id).name.text.clone();
-        if matches!(native.as_str(), "one_sided" | "mask" | "normal_map" | "brushed" | "coated" | "moving") {
+        if matches!(native.as_str(), "one_sided" | "mask" | "normal_map" | "brushed" | "sheened" | "coated" | "moving")
+        {
             let own = matches!(
                 (native.as_str(), name.text.as_str()),
                 ("mask", "opacity")
                     | ("normal_map", "normals")
                     | ("brushed", "anisotropy" | "turn")
+                    | ("sheened", "sheen" | "sheen_roughness")
                     | ("coated", "coat" | "coat_roughness")
             );
             return match &call.args[0] {
@@ -319,7 +321,7 @@ pub fn fields_of(ty: &Ty) -> Vec<&str> {
         Ty::Light => all_parts(lights()),
         Ty::Material => [
             all_parts(materials()),
-            vec!["anisotropy", "turn", "coat", "coat_roughness", "a", "b", "weight", "opacity", "normals"],
+            "anisotropy turn sheen_roughness coat coat_roughness a b weight opacity normals".split(' ').collect(),
         ]
         .concat(),
         Ty::Texture => vec!["texels", "width", "height"],

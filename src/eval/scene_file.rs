@@ -272,6 +272,17 @@ impl Writer<'_> {
         }
     }
 
+    fn sheen(&mut self, color: &Input, roughness: &Input, name: &str) -> Sheen {
+        let (color, roughness) = (self.look(color, true, name), self.look(roughness, false, name));
+        let roughness = roughness.map(|r| sheen_alpha_of(r).sqrt());
+        Sheen {
+            color: color.constant,
+            color_image: color.image,
+            roughness: roughness.constant.x,
+            roughness_image: roughness.image,
+        }
+    }
+
     fn one_material(&mut self, material: &MaterialValue, name: &str) -> LoadedMaterial {
         let mut out = LoadedMaterial { specular: 0.0, double_sided: !material.one_sided, ..LoadedMaterial::default() };
         let like = format!("its `{}` becomes a metallic-roughness material that is like it", material.kind.name());
@@ -315,14 +326,7 @@ impl Writer<'_> {
             }
             MaterialKind::Cloth { diffuse, sheen, roughness } => {
                 colour(self, &mut out, diffuse);
-                let (sheen, roughness) = (self.look(sheen, true, name), self.look(roughness, false, name));
-                let roughness = roughness.map(|r| sheen_alpha_of(r).sqrt());
-                out.sheen = Some(Sheen {
-                    color: sheen.constant,
-                    color_image: sheen.image,
-                    roughness: roughness.constant.x,
-                    roughness_image: roughness.image,
-                });
+                out.sheen = Some(self.sheen(sheen, roughness, name));
             }
             MaterialKind::Mirror { reflectance } => {
                 self.tell(&like, name);
@@ -357,6 +361,9 @@ impl Writer<'_> {
         let opacity = material.opacity.as_ref().map(|opacity| self.look(opacity, false, name).image_of(1));
         let normals = material.normals.as_ref().map(|normals| self.look(normals, true, name).image_of(3));
         out.grain = material.grain.as_ref().map(|grain| self.grain(grain, name));
+        if let Some(sheen) = &material.sheen {
+            out.sheen = Some(self.sheen(&sheen.color, &sheen.roughness, name));
+        }
         out.coat = material.coat.as_ref().map(|coat| self.coat(coat, name));
         if out.clear.is_none() {
             (out.opacity, out.normals) = (opacity, normals);

@@ -10,7 +10,7 @@ use crate::natives::value::{
     DeltaLightValue, GradientEntry, Input, LightValue, MaterialValue, MeshValue, TextureValue, Value,
 };
 use crate::natives::{field, fields_of};
-use crate::render::{ClearCoat, Grain};
+use crate::render::{ClearCoat, Grain, SheenLayer};
 use crate::tape::{Tensor, Var};
 
 pub use crate::check::text::number_text;
@@ -209,6 +209,12 @@ fn one_material(m: &MaterialValue) -> String {
                 other => input(other),
             };
             format!("brushed({inner}, anisotropy: {}, turn: {turn})", input(anisotropy))
+        }
+        None => inner,
+    };
+    let inner = match &m.sheen {
+        Some(SheenLayer { color, roughness }) => {
+            format!("sheened({inner}, sheen: {}, sheen_roughness: {})", input(color), input(roughness))
         }
         None => inner,
     };

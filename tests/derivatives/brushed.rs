@@ -59,7 +59,7 @@ impl Made {
             }
             Kind::Worn => {
                 let matte = MaterialKind::Diffuse { reflectance: b.constant(vec3(0.3, 0.2, 0.1)) };
-                let blend = Blend { kind: metal, grain, coat: None, weight: b.scalar(0.6) };
+                let blend = Blend { kind: metal, grain, sheen: None, coat: None, weight: b.scalar(0.6) };
                 Material { blend: Some(blend), ..matte.into() }
             }
             Kind::Relief => {

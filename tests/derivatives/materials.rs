@@ -79,11 +79,13 @@ enum Moves {
     Index,
     /// The share that a coat covers.
     Coat,
+    /// The colour of a sheen.
+    Sheen,
     /// The share of the second material of a blend.
     Weight,
 }
 
-/// Between the roughnesses of the tables that `plastic`, `principled` and coats have of what they reflect, and `cloth` of its sheen.
+/// Between the roughnesses of the tables that `plastic`, `principled` and coats have of what they reflect, and `cloth` and sheens have.
 const CELL: f32 = 0.05;
 
 #[derive(Clone, Copy, Debug)]
@@ -131,6 +133,15 @@ impl Row {
             },
             "coated paint" => MaterialKind::Diffuse { reflectance: colour },
             "coated metal" => MaterialKind::Conductor { reflectance: colour, roughness: b.scalar(0.12) },
+            // The roughness is the sheen's.
+            "dusty paint" => MaterialKind::Diffuse { reflectance: colour },
+            "dusty metal" => MaterialKind::Conductor { reflectance: colour, roughness: b.scalar(0.12) },
+            "dusty lacquer" => MaterialKind::Principled {
+                base_color: colour,
+                metallic: b.scalar(0.3),
+                roughness: b.scalar(0.52),
+                specular: b.scalar(0.5),
+            },
             "worn metal" => MaterialKind::Conductor { reflectance: colour, roughness },
             "rusty lacquer" => MaterialKind::Principled {
                 base_color: b.constant(vec3(0.2, 0.5, 0.3)),
@@ -147,15 +158,15 @@ impl Row {
             _ => None,
         };
         let share = 0.4 + shift(matches!(self.moves, Moves::Weight));
-        let blend = under.map(|kind| Blend { kind, grain: None, coat: None, weight: b.scalar(share) });
+        let blend = under.map(|kind| Blend { kind, grain: None, sheen: None, coat: None, weight: b.scalar(share) });
         let weight = 0.6 + shift(matches!(self.moves, Moves::Coat));
-        let coat = self.is_coated().then(|| ClearCoat { weight: b.scalar(weight), roughness });
-        let tilt = shift(matches!(self.moves, Moves::Tilt));
+        let of_coat = |b: &mut Builder| if self.is_sheened() { b.scalar(0.27) } else { roughness };
+        let coat = self.is_coated().then(|| ClearCoat { weight: b.scalar(weight), roughness: of_coat(&mut b) });
+        let sheen = self.sheen(&mut b, roughness, t);
+        let turn = glam::Quat::from_rotation_x(shift(matches!(self.moves, Moves::Tilt)));
         let mut plate = floor(Vec3::ZERO, 3.0);
-        for v in &mut plate.vertices {
-            *v = glam::Quat::from_rotation_x(tilt) * *v;
-        }
-        b.add(plate, Material { coat, blend, ..Material::from(kind) });
+        plate.vertices.iter_mut().for_each(|v| *v = turn * *v);
+        b.add(plate, Material { sheen, coat, blend, ..Material::from(kind) });
         let (sin, cos) = self.angle.to_radians().sin_cos();
         match self.light {
             Light::Sky => {
@@ -189,13 +200,23 @@ impl Row {
         (b.description, look_at(vec3(0.01, cos, -sin) * 4.0, Vec3::ZERO, 12.0, 8))
     }
 
+    /// The sheen over the plate, which has this roughness.
+    fn sheen(&self, b: &mut Builder, roughness: Input, t: f32) -> Option<SheenLayer> {
+        let shift = if matches!(self.moves, Moves::Sheen) { t } else { 0.0 };
+        self.is_sheened().then(|| SheenLayer { color: b.constant(vec3(0.5, 0.8, 0.3) + shift), roughness })
+    }
+
     fn is_coated(&self) -> bool {
-        ["lacquer", "coated paint", "coated metal", "rusty lacquer"].contains(&self.material)
+        ["lacquer", "coated paint", "coated metal", "rusty lacquer", "dusty lacquer"].contains(&self.material)
+    }
+
+    fn is_sheened(&self) -> bool {
+        ["dusty paint", "dusty metal", "dusty lacquer"].contains(&self.material)
     }
 
     /// Whether derivatives in the roughness jump where it is that of a row of a table.
     fn has_table(&self) -> bool {
-        self.is_coated() || ["plastic", "principled", "cloth"].contains(&self.material)
+        self.is_coated() || self.is_sheened() || ["plastic", "principled", "cloth"].contains(&self.material)
     }
 
     /// Where derivatives are taken: what is read from the coat's table is linear between rows, and has none at a row.
@@ -235,14 +256,14 @@ impl Row {
             // A half-rough metal beside a matte one under a lamp: the derivative bends.
             Moves::Roughness if self.material == "worn metal" => 0.08 * self.roughness,
             Moves::Roughness => 0.2 * self.roughness.min(0.5),
-            Moves::Colour | Moves::Index | Moves::Coat | Moves::Weight => 0.05,
+            Moves::Colour | Moves::Index | Moves::Coat | Moves::Sheen | Moves::Weight => 0.05,
         };
         // A lobe that only sees light of one brightness is as bright however wide, and nothing is what its derivative may well be. But it
         // is a mean of scores of samples, some 4 / roughness each, of which any that is wrong shows in an eighth. So it is with a plate that
         // looks much the same from everywhere, and is turned.
         let least = match self.moves {
             Moves::Roughness => 0.5 * self.brightness() / f64::from(self.roughness),
-            Moves::Tilt | Moves::Colour | Moves::Index | Moves::Coat | Moves::Weight => 0.25 * self.brightness(),
+            _ => 0.25 * self.brightness(),
         };
         let plan = Plan { spp, fd_spp: 512, h, least, ..Plan::default() };
         agree(&format!("{self:?}"), &|t| self.build(t), &plan);
@@ -308,6 +329,20 @@ fn cloth_has_its_derivatives() {
         for (light, angle) in [(Light::Sky, 5.0), (Light::Lamp, 5.0), (Light::Sky, 80.0), (Light::Lamp, 80.0)] {
             for moves in [Moves::Tilt, Moves::Roughness, Moves::Colour] {
                 rows.push(Row { material: "cloth", roughness, light, angle, moves });
+            }
+        }
+    }
+    rows.iter().step_by(percent().map_or(5, |_| 1)).for_each(Row::check);
+}
+
+/// A sheen over a matte surface, over a narrow lobe, and over a wide one with a coat above both.
+#[test]
+fn sheens_have_their_derivatives() {
+    let mut rows = Vec::new();
+    for (material, roughness) in [("dusty paint", 0.35), ("dusty metal", 0.1), ("dusty lacquer", 0.8)] {
+        for (light, angle) in [(Light::Sky, 5.0), (Light::Lamp, 5.0), (Light::Sky, 75.0), (Light::Lamp, 75.0)] {
+            for moves in [Moves::Tilt, Moves::Roughness, Moves::Colour, Moves::Sheen] {
+                rows.push(Row { material, roughness, light, angle, moves });
             }
         }
     }

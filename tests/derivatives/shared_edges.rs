@@ -224,7 +224,7 @@ fn halves(at: AtSeam) -> impl Fn(f32) -> (SceneDescription, Camera) {
         let dark = MaterialKind::Diffuse { reflectance: b.grey(0.1) };
         let grey = b.grey(0.5);
         let blend = |reflectance: Input, weight: Input| {
-            Some(Blend { kind: MaterialKind::Diffuse { reflectance }, grain: None, coat: None, weight })
+            Some(Blend { kind: MaterialKind::Diffuse { reflectance }, grain: None, sheen: None, coat: None, weight })
         };
         let material = Material::from(dark);
         let material = match at {

@@ -115,6 +115,12 @@ const ROWS: &[Row] = &[
         "material m = coated(principled(roughness: 0.4), coat_roughness: 0.1)",
     ),
     (
+        "material m = conductor(roughness: 0.4, sheen_color: [1, 0, 0])",
+        "sheen_color",
+        "sheened(conductor(roughness: 0.4), sheen: [1, 0, 0])",
+        "material m = sheened(conductor(roughness: 0.4), sheen: [1, 0, 0])",
+    ),
+    (
         "shape glass { mesh: cube(), material: glass() }",
         "glass",
         "dielectric(ior: 1.5)",

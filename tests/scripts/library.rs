@@ -288,14 +288,14 @@ fn inputs_of_materials_check() {
 #[test]
 fn fields_that_check_are_there() {
     let things = "eye; sky; lamp; ball; img; [1, 2, 3]; diffuse(); mirror(); conductor(reflectance: 1); conductor(eta: 1, k: 2); \
-        phong(); plastic(); cloth(); dielectric(); dielectric(absorption: 1); dielectric(roughness: 0.3); thin_dielectric(); thin_dielectric(roughness: 0.3); principled(); mask(diffuse(), 0.5); normal_map(plastic(), [0.5, 0.5, 1]); brushed(plastic()); coated(conductor(), coat: 0.5); blend(diffuse(), cloth()); one_sided(mask(mirror(), 0.5)); point(position: [0, 0, 0]); point(position: [0, 0, 0], profile: img); \
+        phong(); plastic(); cloth(); dielectric(); dielectric(absorption: 1); dielectric(roughness: 0.3); thin_dielectric(); thin_dielectric(roughness: 0.3); principled(); mask(diffuse(), 0.5); normal_map(plastic(), [0.5, 0.5, 1]); brushed(plastic()); sheened(plastic(), sheen: 0.5); coated(conductor(), coat: 0.5); blend(diffuse(), cloth()); one_sided(mask(mirror(), 0.5)); point(position: [0, 0, 0]); point(position: [0, 0, 0], profile: img); \
         spot(position: [0, 1, 0], direction: [0, -1, 0]); directional(direction: [0, -1, 0]); environment([1, 1, 1]); constant(1); \
         area(disk(), material: diffuse()); camera(); camera(fov_x: 40deg, focus: 2, distortion: [0.1]); camera(filter: \"tent\", crop: [1, 2, 3, 4]); texture([[1]]); checkerboard(); \
         scene(shapes: [ball], lights: [sky]); estimate(fit, repeats: 2); estimate(img, repeats: 2)";
     // Of meshes not: which of theirs there are depends on the file or function that made them.
     let fields = "x y z w r g b a xy bgr width height channels texels position look_at up fov fov_x film kind transform aperture focus \
         distortion shutter mesh material radiance two_sided intensity direction irradiance cutoff beam image profile rotation scale \
-        reflectance roughness ior eta k diffuse specular sheen absorption base_color metallic coat coat_roughness weight opacity normals source filter wrap srgb tiles shapes lights mean \
+        reflectance roughness ior eta k diffuse specular sheen absorption base_color metallic sheen_roughness coat coat_roughness weight opacity normals source filter wrap srgb tiles shapes lights mean \
         std_error vertices faces";
     on_large_stack(|| {
         let mut engine = engine();

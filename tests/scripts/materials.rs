@@ -34,6 +34,45 @@ let seen = mean(render(eye, spp: 4096, max_bounces: 1))",
     assert_eq!(shown, "coated(diffuse(reflectance: 0), coat: 0.5, coat_roughness: 0.4)");
 }
 
+/// A sheen's numbers can be read, replaced and differentiated, beside those of what is under it and of the coat above.
+#[test]
+fn sheens_lie_over_materials() {
+    let mut e = engine(
+        "camera eye { position: [0, 0, 5], look_at: [0, 0, 0], fov: 20deg, film: [4, 4] }
+param tone = 0.5
+material dusty = sheened(conductor(reflectance: 0.8, roughness: 0.4), sheen: tone, sheen_roughness: 0.625)
+shape plate { mesh: rectangle(width: 9, depth: 9) |> rotate(x: 30deg), material: dusty }
+light sky = constant(1)
+let seen = mean(render(eye, spp: 4096, max_bounces: 1))
+let bare = seen with { plate.material: conductor(reflectance: 0.8, roughness: 0.4) }
+let cloth_alone = seen with { plate.material: cloth(diffuse: 0, sheen: tone, roughness: 0.625) }
+let rougher = seen with { dusty.sheen_roughness: 0.645 }
+let finer = seen with { dusty.sheen_roughness: 0.605 }
+let by_differences = (rougher - finer) / 0.04",
+    );
+    let [bare, cloth] = ["bare", "cloth_alone"].map(|text| numbers(&mut e, text)[0]);
+    // In even light what is seen is linear in the colour of the sheen.
+    let [without, half, all] =
+        ["seen with { tone: 0 }", "seen", "seen with { tone: 1 }"].map(|text| numbers(&mut e, text)[0]);
+    for (text, expected, allowed) in [
+        ("seen with { tone: 0 }", bare, 0.001),
+        ("seen", 0.5 * (without + all), 0.001),
+        ("grad(seen, tone)", all - without, 0.001),
+        ("by_differences - grad(seen, dusty.sheen_roughness)", 0.0, 0.002),
+        ("seen with { plate.material: coated(dusty, coat: 0) }", half, 0.001),
+        ("dusty.sheen", 0.5, 0.0),
+        ("dusty.sheen_roughness", 0.625, 1e-9),
+        ("dusty.roughness", 0.4, 1e-9),
+    ] {
+        let found = numbers(&mut e, text)[0];
+        assert!((found - expected).abs() <= allowed, "{text} is {found}, not {expected}");
+    }
+    assert!(cloth > 0.03 && half > bare.min(all) && half < bare.max(all), "{cloth} {bare} {half} {all}");
+    let x = expr(&e, "dusty");
+    let shown = brief(&eval(&mut e, "dusty"), &x.ty);
+    assert_eq!(shown, "sheened(conductor(reflectance: 0.8, roughness: 0.4), sheen: 0.5, sheen_roughness: 0.625)");
+}
+
 /// A grain spreads a highlight along itself: head on it reflects in proportion to the density of facets that lie flat, which is 1 / (π αx αy). Its
 /// numbers can be read, replaced and differentiated.
 #[test]

@@ -300,6 +300,7 @@ const NONE: &[(&str, &[&str])] = &[
             "mask",
             "normal_map",
             "brushed",
+            "sheened",
             "coated",
             "blend",
             "texture",

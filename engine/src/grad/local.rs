@@ -16,8 +16,9 @@ use crate::render::interaction::{SurfaceInteraction, d_terminator, terminator};
 use crate::render::light::{LightKind, LightSample};
 use crate::render::mask::{MaskCrossing, MaskWeight};
 use crate::render::{
-    ANISOTROPY, BLEND_WEIGHT, COAT, COAT_ROUGHNESS, Camera, ClearCoat, GRAIN, Grain, Input, InputField, LAYER_INPUTS,
-    MAX_INPUTS, MODEL_INPUTS, MaterialKind, Output, Quantity, TURN, WEIGHT,
+    ANISOTROPY, BLEND_WEIGHT, COAT, COAT_ROUGHNESS, COVERS, Camera, ClearCoat, GRAIN, Grain, Input, InputField,
+    LAYER_INPUTS, MAX_INPUTS, MaterialKind, Output, Quantity, SHEEN, SHEEN_COLOR, SHEEN_ROUGHNESS, SheenLayer, TURN,
+    WEIGHT,
 };
 
 /// Adjoints of the numbers of one surface interaction.
@@ -352,7 +353,8 @@ pub fn d_inputs(out: &mut Adjoints, si: &SurfaceInteraction, d: &[Vec3; MAX_INPU
     };
     // This runs for every vertex of every path: `inputs` would write down all fields first.
     let mut d_turn = 0.0;
-    let mut of_layer = |kind: &MaterialKind, grain: &Option<Grain>, coat: &Option<ClearCoat>, d: &[Vec3]| {
+    type Covers<'a> = (&'a Option<SheenLayer>, &'a Option<ClearCoat>);
+    let mut of_layer = |kind: &MaterialKind, grain: &Option<Grain>, (sheen, coat): Covers, d: &[Vec3]| {
         let mut of_model = d.iter();
         kind.map(|field, input| add(field, *input, of_model.next().copied().unwrap_or_default()));
         if let Some(grain) = grain {
@@ -361,15 +363,19 @@ pub fn d_inputs(out: &mut Adjoints, si: &SurfaceInteraction, d: &[Vec3; MAX_INPU
             add(TURN, grain.turn, Vec3::X * d.y);
             d_turn += d.y;
         }
+        if let Some(sheen) = sheen {
+            add(SHEEN, sheen.color, d[SHEEN_COLOR]);
+            add(SHEEN_ROUGHNESS, sheen.roughness, Vec3::X * d[COVERS].z);
+        }
         if let Some(coat) = coat {
-            let d = d[MODEL_INPUTS];
+            let d = d[COVERS];
             add(COAT, coat.weight, d);
             add(COAT_ROUGHNESS, coat.roughness, Vec3::X * d.y);
         }
     };
-    of_layer(&material.kind, &material.grain, &material.coat, &d[..LAYER_INPUTS]);
+    of_layer(&material.kind, &material.grain, (&material.sheen, &material.coat), &d[..LAYER_INPUTS]);
     if let Some(blend) = &material.blend {
-        of_layer(&blend.kind, &blend.grain, &blend.coat, &d[LAYER_INPUTS..BLEND_WEIGHT]);
+        of_layer(&blend.kind, &blend.grain, (&blend.sheen, &blend.coat), &d[LAYER_INPUTS..BLEND_WEIGHT]);
         add(WEIGHT, blend.weight, d[BLEND_WEIGHT]);
     }
     // Grains turn with the texture coordinates that they are told in.

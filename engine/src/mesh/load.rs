@@ -158,7 +158,7 @@ pub enum Clear {
     Pane(f32),
 }
 
-/// The sheen of cloth, as KHR_materials_sheen has it. If a number has a texture, the texture multiplies it.
+/// The sheen of fibres over a material, as KHR_materials_sheen has it. If a number has a texture, the texture multiplies it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sheen {
     /// Linear RGB, from 0 to 1.
@@ -258,11 +258,11 @@ pub struct LoadedMaterial {
     pub opacity: Option<LoadedImage>,
     /// If light passes it: then of the other numbers only its roughness, what is emitted and the base colour of a pane count.
     pub clear: Option<Clear>,
-    /// If it is cloth: then nothing is metallic, and nothing else mirrors.
+    /// The fibres over it; over what light passes there are none. Where nothing under them mirrors it is cloth.
     pub sheen: Option<Sheen>,
     /// Of what mirrors.
     pub grain: Option<LoadedGrain>,
-    /// What lies over it; over what light passes nothing does.
+    /// What lies over it and its sheen; over what light passes nothing does.
     pub coat: Option<Coat>,
     /// A normal map as glTF has it, in three channels; y is upwards in the picture.
     pub normals: Option<LoadedImage>,
@@ -294,6 +294,11 @@ impl Default for LoadedMaterial {
 }
 
 impl LoadedMaterial {
+    /// Whether it has a sheen over a base that mirrors nothing.
+    pub fn is_cloth(&self) -> bool {
+        self.sheen.is_some() && self.specular == 0.0 && self.metallic == 0.0
+    }
+
     /// Whether texture coordinates mean something to it.
     pub fn has_images(&self) -> bool {
         let images =

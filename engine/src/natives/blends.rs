@@ -30,7 +30,7 @@ pub fn blended(first: &MaterialValue, second: &MaterialValue, weight: Input) -> 
             None => error,
         });
     }
-    let other = second.clone();
-    let blend = Some(Blend { kind: other.kind, grain: other.grain, coat: other.coat, weight });
+    let MaterialValue { kind, grain, sheen, coat, .. } = second.clone();
+    let blend = Some(Blend { kind, grain, sheen, coat, weight });
     Ok(MaterialValue { blend, ..first.clone() })
 }

@@ -13,7 +13,7 @@ use crate::mesh::load::{
 use crate::mesh::{Mesh, MeshError};
 use crate::render::bsdf::sheen_roughness_of;
 use crate::render::texture::Filter;
-use crate::render::{ClearCoat, Grain, MaterialKind};
+use crate::render::{ClearCoat, Grain, MaterialKind, SheenLayer};
 use crate::stop;
 use crate::tape::{Tensor, Var};
 use crate::work;
@@ -197,14 +197,21 @@ fn appearance(loaded: &LoadedMaterial) -> Result<Appearance, Shortage> {
         return Ok(Appearance { radiance, two_sided: true, ..plain(material) });
     }
     let base_color = texels(loaded.base_color_texels())?;
-    let kind = match &loaded.sheen {
-        Some(sheen) => cloth(base_color, sheen)?,
-        None => MaterialKind::Principled {
-            base_color,
-            metallic: texels(loaded.metallic_texels())?,
-            roughness: texels(loaded.roughness_texels())?,
-            specular: Input::Number(Var::from(0.5 * f64::from(loaded.specular))),
-        },
+    let sheen = loaded.sheen.as_ref().map(sheen).transpose()?;
+    let (kind, sheen) = match sheen {
+        // Over a base that mirrors nothing it is cloth.
+        Some(SheenLayer { color, roughness }) if loaded.is_cloth() => {
+            (MaterialKind::Cloth { diffuse: base_color, sheen: color, roughness }, None)
+        }
+        sheen => {
+            let kind = MaterialKind::Principled {
+                base_color,
+                metallic: texels(loaded.metallic_texels())?,
+                roughness: texels(loaded.roughness_texels())?,
+                specular: Input::Number(Var::from(0.5 * f64::from(loaded.specular))),
+            };
+            (kind, sheen)
+        }
     };
     let opacity = loaded.opacity.clone().map(texels).transpose()?;
     let normals = loaded.normals.clone().map(texels).transpose()?;
@@ -218,12 +225,12 @@ fn appearance(loaded: &LoadedMaterial) -> Result<Appearance, Shortage> {
     };
     let grain = loaded.grain.as_ref().map(grain).transpose()?;
     let one_sided = !loaded.double_sided;
-    let material = Arc::new(MaterialValue { grain, coat, one_sided, opacity, normals, ..kind.into() });
+    let material = Arc::new(MaterialValue { grain, sheen, coat, one_sided, opacity, normals, ..kind.into() });
     let radiance = loaded.emissive_texels().map(texels).transpose()?;
     Ok(Appearance { material, radiance, two_sided: loaded.double_sided })
 }
 
-fn cloth(diffuse: Input, sheen: &Sheen) -> Result<MaterialKind<Input>, Shortage> {
+fn sheen(sheen: &Sheen) -> Result<SheenLayer<Input>, Shortage> {
     let roughness = |r: f32| sheen_roughness_of(r * r);
     let color = match sheen.color_image {
         Some(_) => texels(sheen.color_texels())?,
@@ -237,7 +244,7 @@ fn cloth(diffuse: Input, sheen: &Sheen) -> Result<MaterialKind<Input>, Shortage>
         }
         None => Input::Number(Var::from(f64::from(roughness(sheen.roughness)))),
     };
-    Ok(MaterialKind::Cloth { diffuse, sheen: color, roughness })
+    Ok(SheenLayer { color, roughness })
 }
 
 fn color(color: glam::Vec3) -> Input {

@@ -7,7 +7,7 @@ use crate::optim::Rule;
 use crate::render::texture::{Filter, Wrap};
 use crate::render::{
     ANISOTROPY, COAT, COAT_ROUGHNESS, ClearCoat, Grain, InputField, MaterialKind, NORMALS, OPACITY, PixelFilter,
-    Quantity, TURN, WEIGHT,
+    Quantity, SHEEN, SHEEN_ROUGHNESS, SheenLayer, TURN, WEIGHT,
 };
 use crate::tape::{Slice, Tensor, Var};
 
@@ -53,6 +53,7 @@ pub(super) const TABLE: &[(&str, Native)] = &[
     ("mask", mask),
     ("normal_map", normal_map),
     ("brushed", brushed),
+    ("sheened", sheened),
     ("coated", coated),
     ("blend", |a| {
         let [first, second] = [material_of(a, 0)?, material_of(a, 1)?];
@@ -310,6 +311,28 @@ fn normal_map(a: &Args) -> Result<Value> {
     Ok(Value::Material(Arc::new(MaterialValue { normals: Some(normals), ..(*inner).clone() })))
 }
 
+/// The material under a sheen.
+fn sheened(a: &Args) -> Result<Value> {
+    let inner = material_of(a, 0)?;
+    if inner.sheen.is_some() || matches!(inner.kind, MaterialKind::Cloth { .. }) && inner.blend.is_none() {
+        return Err(NativeError::at(0, "this material has a sheen already"));
+    }
+    if inner.coat.is_some() {
+        return Err(NativeError::at(0, "a sheen lies under a coat, and this material has one")
+            .help("coat what has the sheen: `coated(sheened(…))`"));
+    }
+    if inner.blend.is_some() {
+        return Err(NativeError::at(0, "a sheen lies over one material, and this is a blend of two")
+            .help("give both a sheen: `blend(sheened(a), sheened(b), weight: …)`"));
+    }
+    if !inner.kind.is_layer() {
+        let message = format!("{}, which no sheen covers", no_layer(&inner));
+        return Err(NativeError::at(0, message).help("`conductor(roughness: 0, …)` has a lobe that a sheen can cover"));
+    }
+    let sheen = SheenLayer { color: material_input(a, SHEEN)?, roughness: material_input(a, SHEEN_ROUGHNESS)? };
+    Ok(Value::Material(Arc::new(MaterialValue { sheen: Some(sheen), ..(*inner).clone() })))
+}
+
 /// The material under a clear coat.
 fn coated(a: &Args) -> Result<Value> {
     let inner = material_of(a, 0)?;
@@ -346,7 +369,7 @@ fn brushed(a: &Args) -> Result<Value> {
     Ok(Value::Material(Arc::new(MaterialValue { grain: Some(grain), ..(*inner).clone() })))
 }
 
-/// Why a material has no coat, no normal map and no place in a blend.
+/// Why a material has no coat, no sheen, no normal map and no place in a blend.
 pub(super) fn no_layer(material: &MaterialValue) -> String {
     let does = if material.kind.is_delta() { "scatters light in single directions" } else { "lets light through" };
     format!("`{}` {does}", material.kind.name())

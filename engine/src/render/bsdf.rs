@@ -14,10 +14,12 @@ mod brushed;
 mod cloth;
 mod coat;
 mod coated;
+mod composed;
 mod conductor;
 mod dielectric;
 mod fresnel;
 mod layer;
+mod lit;
 mod lobes;
 mod matte;
 mod microfacet;
@@ -28,25 +30,23 @@ mod principled;
 mod rough_dielectric;
 mod rough_pane;
 mod sheen;
+mod sheened;
 
-use std::convert::Infallible;
 use std::f32::consts::FRAC_1_PI;
 
 use glam::Vec3;
 
-use crate::math::{Frame, cosine_hemisphere, cosine_hemisphere_pdf, luminance};
+use crate::math::{cosine_hemisphere, cosine_hemisphere_pdf, luminance};
 
 use self::angles::Angles;
 pub use self::angles::DirectionsAdjoint;
 use self::blended::Blended;
-use self::brushed::Grain;
 use self::cloth::Cloth;
-use self::coated::Coated;
 use self::conductor::{Conductor, ConductorIor};
 pub use self::dielectric::{Dielectric, d_refract, refract};
 use self::layer::Layer;
+use self::lit::Lit;
 use self::lobes::{Lobes, share};
-use self::matte::Matte;
 use self::microfacet::Ggx;
 use self::phong::Phong;
 use self::plastic::Plastic;
@@ -55,9 +55,7 @@ pub use self::rough_dielectric::{FollowedAdjoint, RoughDielectric};
 use self::rough_pane::RoughPane;
 pub use self::rough_pane::{d_mirrored_at_plane, mirrored_at_plane};
 use self::sheen::Sheen;
-use super::material::{
-    self, Blend, ClearCoat, GRAIN, Input, InputField, MAX_INPUTS, MODEL_INPUTS, Material, MaterialKind,
-};
+use super::material::{Blend, GRAIN, Input, MAX_INPUTS, MODEL_INPUTS, Material, MaterialKind};
 
 /// Least roughness of a Phong lobe: an exponent of twenty million, α = 0.0003. In single precision a narrower lobe cannot be told from a
 /// mirror. The reflected light is linear in so small a roughness, so that the derivative at this value is the derivative at zero.
@@ -88,7 +86,7 @@ pub enum Bsdf {
     RoughDielectric(RoughDielectric),
     /// A thin pane with rough faces.
     RoughPane(RoughPane),
-    /// A diffuse base with microfacets, bare or under a clear coat.
+    /// A diffuse base with microfacets, bare or under a sheen, a clear coat or both.
     Layer(Layer),
     /// Two layers side by side, each with its share.
     Blended(Blended),
@@ -97,9 +95,9 @@ pub enum Bsdf {
 /// A material's scattering is the sum of two parts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
-    /// The cosine lobe; of a coated material or a blend also the wide microfacet lobes, if it has a narrow one.
+    /// The cosine lobe and a sheen over the model; of a coated or sheened material or a blend also the wide microfacet lobes, if it has a narrow one.
     Diffuse,
-    /// The microfacet lobe; of a coated material or a blend all narrow ones ([`Bsdf::is_attached`]), or all, if none is narrow.
+    /// The microfacet lobe; of a coated or sheened material or a blend all narrow ones ([`Bsdf::is_attached`]), or all, if none is narrow.
     Specular,
 }
 
@@ -214,10 +212,10 @@ impl RoughnessPair {
 }
 
 impl Material {
-    /// The input of a GGX lobe's roughness; `None` for materials without such a lobe, with a grain or a coat over it, or blended with another.
+    /// The input of a GGX lobe's roughness; `None` for materials without such a lobe, with a grain, a sheen or a coat over it, or blended with another.
     pub fn ggx_roughness(&self) -> Option<Input> {
         match self.kind {
-            _ if self.grain.is_some() || self.coat.is_some() || self.blend.is_some() => None,
+            _ if self.grain.is_some() || self.sheen.is_some() || self.coat.is_some() || self.blend.is_some() => None,
             MaterialKind::Conductor { roughness, .. }
             | MaterialKind::ConductorIor { roughness, .. }
             | MaterialKind::Plastic { roughness, .. }
@@ -228,29 +226,6 @@ impl Material {
 }
 
 impl<I> Material<I> {
-    /// What it does at a point where `value` gives its inputs.
-    #[inline(always)]
-    pub fn try_bsdf<E>(&self, mut value: impl FnMut(InputField, &I) -> Result<Vec3, E>) -> Result<Bsdf, E> {
-        let mut bsdf = Bsdf::new(&self.kind.try_map(&mut value)?);
-        if let Some(grain) = &self.grain {
-            bsdf = bsdf.brushed(&grain.try_map(&mut value)?);
-        }
-        if let Some(coat) = &self.coat {
-            bsdf = bsdf.coated(&coat.try_map(&mut value)?);
-        }
-        if let Some(blend) = &self.blend {
-            bsdf = bsdf.blended(&blend.try_map(&mut value)?);
-        }
-        Ok(bsdf)
-    }
-
-    /// As [`Material::try_bsdf`], of what cannot fail.
-    #[inline(always)]
-    pub fn bsdf(&self, mut value: impl FnMut(InputField, &I) -> Vec3) -> Bsdf {
-        let Ok(bsdf) = self.try_bsdf(|field, input| Ok::<Vec3, Infallible>(value(field, input)));
-        bsdf
-    }
-
     /// Whether a point of such a material can have an attached lobe (see [`Bsdf::is_attached`]).
     pub fn may_be_attached(&self) -> bool {
         use MaterialKind::{Black, Cloth, Diffuse};
@@ -347,83 +322,6 @@ impl Bsdf {
 
     fn bare(lobes: Lobes) -> Bsdf {
         Bsdf::Layer(Layer::Bare(lobes))
-    }
-
-    /// The same with a grain in its GGX lobe, of which the inputs have these values. What has no such lobe has no grain.
-    pub fn brushed(self, grain: &material::Grain<Vec3>) -> Bsdf {
-        match self {
-            Bsdf::Layer(Layer::Bare(lobes)) => {
-                let grain = Grain::new(grain.anisotropy.x.clamp(0.0, 1.0), grain.turn.x);
-                Bsdf::Layer(Layer::Bare(lobes.brushed(grain)))
-            }
-            other => other,
-        }
-    }
-
-    /// Whether it depends on how the surface lies about its normal.
-    #[inline]
-    pub fn has_grain(&self) -> bool {
-        match self {
-            Bsdf::Layer(layer) => layer.lobes().has_grain(),
-            Bsdf::Blended(blended) => blended.layers.iter().any(|layer| layer.lobes().has_grain()),
-            _ => false,
-        }
-    }
-
-    /// The same with another thing made of each of its grains.
-    fn with_grains(mut self, make: impl Fn(Grain) -> Grain) -> Bsdf {
-        let layers = match &mut self {
-            Bsdf::Layer(layer) => std::slice::from_mut(layer),
-            Bsdf::Blended(blended) => &mut blended.layers[..],
-            _ => &mut [],
-        };
-        for grain in layers.iter_mut().filter_map(|layer| layer.lobes_mut().grain_mut()) {
-            *grain = make(*grain);
-        }
-        self
-    }
-
-    /// The same on a surface with this tangent and bitangent, unit vectors perpendicular to each other and to the normal.
-    pub fn laid(self, axes: [Vec3; 2]) -> Bsdf {
-        self.with_grains(|grain| grain.laid(axes))
-    }
-
-    /// The same for directions in the coordinates of a frame.
-    pub fn in_frame(self, frame: &Frame) -> Bsdf {
-        self.with_grains(|grain| grain.in_frame(frame))
-    }
-
-    /// The lobes of a model and of the coat over it; `None` of what scatters no light, or in single directions.
-    fn layer(self, coat: Option<&ClearCoat<Vec3>>) -> Option<Layer> {
-        let under = match self {
-            Bsdf::Diffuse { reflectance } => Lobes::Matte(Matte { reflectance }),
-            Bsdf::Layer(Layer::Bare(lobes)) => lobes,
-            _ => return None,
-        };
-        let Some(coat) = coat else { return Some(Layer::Bare(under)) };
-        let [weight, roughness] = [coat.weight.x, coat.roughness.x].map(|x| x.clamp(0.0, 1.0));
-        Some(Layer::Coated(Coated { weight, roughness, under }))
-    }
-
-    /// The same under a clear coat, of which the inputs have these values. What scatters no light, or in single directions, has no coat.
-    pub fn coated(self, coat: &ClearCoat<Vec3>) -> Bsdf {
-        self.layer(Some(coat)).map_or(self, Bsdf::Layer)
-    }
-
-    /// The same blended with another material, of which the inputs have these values. What scatters no light, or in single directions, is not.
-    pub fn blended(self, blend: &Blend<Vec3>) -> Bsdf {
-        let own = match self {
-            Bsdf::Layer(layer) => Some(layer),
-            other => other.layer(None),
-        };
-        let mut other = Bsdf::new(&blend.kind);
-        if let Some(grain) = &blend.grain {
-            other = other.brushed(grain);
-        }
-        match own.zip(other.layer(blend.coat.as_ref())) {
-            Some((a, b)) => Bsdf::Blended(Blended { layers: [a, b], weight: blend.weight.x.clamp(0.0, 1.0) }),
-            None => self,
-        }
     }
 
     /// Whether it scatters light in single directions only. Then `eval` and `pdf` are zero, and only sampling finds the directions.
@@ -609,7 +507,8 @@ impl Bsdf {
     #[inline(always)]
     pub fn add_values(&self, d: &mut [Vec3; MAX_INPUTS], more: &[Vec3; MAX_INPUTS]) {
         add_first(d, more);
-        if matches!(self, Bsdf::Layer(Layer::Coated(_)) | Bsdf::Blended(_)) || self.has_grain() {
+        let is_covered = matches!(self, Bsdf::Layer(layer) if layer.is_covered());
+        if is_covered || matches!(self, Bsdf::Blended(_)) || self.has_grain() {
             for (a, b) in d[MODEL_INPUTS..].iter_mut().zip(&more[MODEL_INPUTS..]) {
                 *a += *b;
             }
@@ -628,7 +527,7 @@ impl Bsdf {
             Bsdf::RoughPane(pane) => return pane.sample(wi, u),
             Bsdf::Diffuse { .. } => None,
             Bsdf::Layer(Layer::Bare(lobes)) => return sample_lobes(lobes, wi, square, u[2]),
-            Bsdf::Layer(Layer::Coated(coated)) => coated.sample_facet(wi, square, u[2]),
+            Bsdf::Layer(layer) => layer.sample_facet(wi, square, u[2]),
             Bsdf::Blended(blended) => blended.sample_facet(wi, square, u[2]),
         };
         let (wo, (f, pdf), lobe) = match facet {

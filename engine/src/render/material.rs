@@ -7,11 +7,16 @@ pub type TextureId = usize;
 
 /// The most inputs a scattering model has.
 pub const MODEL_INPUTS: usize = 4;
-/// The places that a model and the coat over it have among derivatives: one for each input of the model, then one for the coat, with its weight
-/// in the first channel and its roughness in the second, and one for the grain, with its anisotropy and its turn.
-pub const LAYER_INPUTS: usize = MODEL_INPUTS + 2;
-/// The place of the grain among those of its layer.
+/// The places that a model and what lies over it have among derivatives: one for each input of the model, then one for the numbers of its
+/// covers ([`COVERS`]), one for the grain and one for the colour of the sheen.
+pub const LAYER_INPUTS: usize = MODEL_INPUTS + 3;
+/// The place of the numbers of what covers a model, among those of its layer: the weight of the coat is in the first channel, its roughness in the
+/// second and the roughness of the sheen in the third.
+pub const COVERS: usize = MODEL_INPUTS;
+/// The place of the grain among those of its layer: its anisotropy is in the first channel, its turn in the second.
 pub const GRAIN: usize = MODEL_INPUTS + 1;
+/// The place of the colour of the sheen among those of its layer.
+pub const SHEEN_COLOR: usize = MODEL_INPUTS + 2;
 /// The places of all inputs that say how a surface scatters light: those of its layer, of the one that it is blended with, and of the weight
 /// of that.
 pub const MAX_INPUTS: usize = 2 * LAYER_INPUTS + 1;
@@ -264,6 +269,36 @@ impl<I> MaterialKind<I> {
     }
 }
 
+/// The sheen of upright fibres over whatever else a surface is made of: dust, fuzz, the velvety side of leather. The lobe is that of `cloth`
+/// (Estevez & Kulla 2017).
+#[derive(Clone, Debug, PartialEq)]
+pub struct SheenLayer<I = Input> {
+    /// The colour of the fibres, RGB in [0, 1]; black for none.
+    pub color: I,
+    /// From 0, a sheen at grazing angles only, to 1, at all.
+    pub roughness: I,
+}
+
+/// The colour of a sheen over another material.
+pub const SHEEN: InputField = InputField { name: "sheen", quantity: Quantity::Color };
+/// The roughness of the sheen.
+pub const SHEEN_ROUGHNESS: InputField = InputField { name: "sheen_roughness", quantity: Quantity::Fraction };
+
+impl<I> SheenLayer<I> {
+    /// The same sheen with something made of both inputs, one after the other.
+    pub fn try_map<'a, J, E>(
+        &'a self,
+        mut make: impl FnMut(InputField, &'a I) -> Result<J, E>,
+    ) -> Result<SheenLayer<J>, E> {
+        Ok(SheenLayer { color: make(SHEEN, &self.color)?, roughness: make(SHEEN_ROUGHNESS, &self.roughness)? })
+    }
+}
+
+/// The inputs of a sheen, if there is one.
+fn of_sheen<I>(sheen: &Option<SheenLayer<I>>) -> impl Iterator<Item = (InputField, &I)> {
+    sheen.iter().flat_map(|sheen| [(SHEEN, &sheen.color), (SHEEN_ROUGHNESS, &sheen.roughness)])
+}
+
 /// A clear coat over whatever else a surface is made of: varnish over wood, lacquer over metallic paint. GGX of a refractive index of 1.5.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ClearCoat<I = Input> {
@@ -325,13 +360,14 @@ fn of_grain<I>(grain: &Option<Grain<I>>) -> impl Iterator<Item = (InputField, &I
     grain.iter().flat_map(|grain| [(ANISOTROPY, &grain.anisotropy), (TURN, &grain.turn)])
 }
 
-/// The inputs of a model, of its grain and of the coat over it.
+/// The inputs of a model, of its grain, and of the sheen and the coat over it.
 fn of_layer<'a, I>(
     kind: &'a MaterialKind<I>,
     grain: &'a Option<Grain<I>>,
+    sheen: &'a Option<SheenLayer<I>>,
     coat: &'a Option<ClearCoat<I>>,
 ) -> impl Iterator<Item = (InputField, &'a I)> {
-    kind.inputs().chain(of_grain(grain)).chain(of_coat(coat))
+    kind.inputs().chain(of_grain(grain)).chain(of_sheen(sheen)).chain(of_coat(coat))
 }
 
 /// What a surface is made of beside its own model: rust in paint, moss on stone, the dirt of a street. Both reflect light in proportion to
@@ -342,6 +378,8 @@ pub struct Blend<I = Input> {
     pub kind: MaterialKind<I>,
     /// The grain of the other model.
     pub grain: Option<Grain<I>>,
+    /// The sheen over the other model.
+    pub sheen: Option<SheenLayer<I>>,
     /// The coat over the other model.
     pub coat: Option<ClearCoat<I>>,
     /// The share of the other model, from 0, none of it, to 1, nothing else.
@@ -356,8 +394,9 @@ impl<I> Blend<I> {
     pub fn try_map<'a, J, E>(&'a self, mut make: impl FnMut(InputField, &'a I) -> Result<J, E>) -> Result<Blend<J>, E> {
         let kind = self.kind.try_map(&mut make)?;
         let grain = self.grain.as_ref().map(|grain| grain.try_map(&mut make)).transpose()?;
+        let sheen = self.sheen.as_ref().map(|sheen| sheen.try_map(&mut make)).transpose()?;
         let coat = self.coat.as_ref().map(|coat| coat.try_map(&mut make)).transpose()?;
-        Ok(Blend { kind, grain, coat, weight: make(WEIGHT, &self.weight)? })
+        Ok(Blend { kind, grain, sheen, coat, weight: make(WEIGHT, &self.weight)? })
     }
 }
 
@@ -368,7 +407,9 @@ pub struct Material<I = Input> {
     pub kind: MaterialKind<I>,
     /// The grain of its GGX lobe, of models that have one.
     pub grain: Option<Grain<I>>,
-    /// The coat over it, of models whose lobes have a width.
+    /// The sheen over it, of models whose lobes have a width.
+    pub sheen: Option<SheenLayer<I>>,
+    /// The coat over it and its sheen, of models whose lobes have a width.
     pub coat: Option<ClearCoat<I>>,
     /// What it is blended with, of models whose lobes have a width.
     pub blend: Option<Blend<I>>,
@@ -393,11 +434,12 @@ impl<I> Material<I> {
     ) -> Result<Material<J>, E> {
         let kind = self.kind.try_map(&mut make)?;
         let grain = self.grain.as_ref().map(|grain| grain.try_map(&mut make)).transpose()?;
+        let sheen = self.sheen.as_ref().map(|sheen| sheen.try_map(&mut make)).transpose()?;
         let coat = self.coat.as_ref().map(|coat| coat.try_map(&mut make)).transpose()?;
         let blend = self.blend.as_ref().map(|blend| blend.try_map(&mut make)).transpose()?;
         let opacity = self.opacity.as_ref().map(|opacity| make(OPACITY, opacity)).transpose()?;
         let normals = self.normals.as_ref().map(|normals| make(NORMALS, normals)).transpose()?;
-        Ok(Material { kind, grain, coat, blend, one_sided: self.one_sided, opacity, normals })
+        Ok(Material { kind, grain, sheen, coat, blend, one_sided: self.one_sided, opacity, normals })
     }
 
     /// As [`Material::try_map`], of what cannot fail.
@@ -406,14 +448,13 @@ impl<I> Material<I> {
         material
     }
 
-    /// The inputs that say how the surface scatters light: those of the model, of its grain and of the coat, then those of what it is blended
-    /// with.
+    /// The inputs that say how the surface scatters light: those of the model, of its grain, of the sheen and of the coat, then those of what it
+    /// is blended with.
     pub fn scattering_inputs(&self) -> impl Iterator<Item = (InputField, &I)> {
-        let other = self
-            .blend
-            .iter()
-            .flat_map(|blend| of_layer(&blend.kind, &blend.grain, &blend.coat).chain([(WEIGHT, &blend.weight)]));
-        of_layer(&self.kind, &self.grain, &self.coat).chain(other)
+        let other = self.blend.iter().flat_map(|blend| {
+            of_layer(&blend.kind, &blend.grain, &blend.sheen, &blend.coat).chain([(WEIGHT, &blend.weight)])
+        });
+        of_layer(&self.kind, &self.grain, &self.sheen, &self.coat).chain(other)
     }
 
     /// The grains of its layers.
@@ -438,9 +479,11 @@ impl<I: Clone> Material<I> {
     /// The two materials of a blend as they are by themselves: on the same sides, without its holes and its normal map.
     pub fn parts(&self) -> Option<[Material<I>; 2]> {
         let blend = self.blend.as_ref()?;
-        let layers = [(&self.kind, &self.grain, &self.coat), (&blend.kind, &blend.grain, &blend.coat)];
-        Some(layers.map(|(kind, grain, coat)| Material {
+        let own = (&self.kind, &self.grain, &self.sheen, &self.coat);
+        let other = (&blend.kind, &blend.grain, &blend.sheen, &blend.coat);
+        Some([own, other].map(|(kind, grain, sheen, coat)| Material {
             grain: grain.clone(),
+            sheen: sheen.clone(),
             coat: coat.clone(),
             one_sided: self.one_sided,
             ..kind.clone().into()
@@ -449,8 +492,17 @@ impl<I: Clone> Material<I> {
 }
 
 impl<I> From<MaterialKind<I>> for Material<I> {
-    /// Opaque, without a grain, a coat or a normal map, not blended with another, and the same on both sides.
+    /// Opaque, without a grain, a sheen, a coat or a normal map, not blended with another, and the same on both sides.
     fn from(kind: MaterialKind<I>) -> Material<I> {
-        Material { kind, grain: None, coat: None, blend: None, one_sided: false, opacity: None, normals: None }
+        Material {
+            kind,
+            grain: None,
+            sheen: None,
+            coat: None,
+            blend: None,
+            one_sided: false,
+            opacity: None,
+            normals: None,
+        }
     }
 }

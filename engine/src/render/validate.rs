@@ -206,8 +206,9 @@ fn validate_inputs(shape: &Shape, textures: &[Texture]) -> Result<(), String> {
             return Err("the absorption of a body is the same everywhere, and at least 0".into());
         }
     }
-    if shape.material.coat.is_some() && !shape.material.kind.is_layer() {
-        return Err(format!("a coat covers lobes that have a width, and `{}` has none", shape.material.kind.name()));
+    let covers = [("coat", shape.material.coat.is_some()), ("sheen", shape.material.sheen.is_some())];
+    if let Some((cover, _)) = covers.iter().find(|(_, is_there)| *is_there && !shape.material.kind.is_layer()) {
+        return Err(format!("a {cover} covers lobes that have a width, and `{}` has none", shape.material.kind.name()));
     }
     if let Some(blend) = &shape.material.blend {
         for kind in [&shape.material.kind, &blend.kind] {

@@ -13,6 +13,7 @@ pub fn field(name: &str, known: &[&str]) -> Option<&'static str> {
         "dim" | "dims" | "axes" => &["axis"],
         "clearcoat" | "clearcoat_weight" | "coat_weight" => &["coat"],
         "clearcoat_roughness" => &["coat_roughness"],
+        "sheen_color" | "sheen_colour" | "sheen_weight" | "sheen_tint" => &["sheen"],
         "anisotropic" | "anisotropy_strength" => &["anisotropy"],
         "anisotropy_rotation" => &["turn"],
         "bump" | "bump_map" | "height_map" => &["heights"],
@@ -108,6 +109,7 @@ pub fn around_material(argument: &str) -> Option<&'static str> {
         "clearcoat" | "clearcoat_weight" | "clearcoat_roughness" | "coat" | "coat_weight" | "coat_roughness" => {
             "coated"
         }
+        "sheen" | "sheen_color" | "sheen_colour" | "sheen_weight" | "sheen_tint" | "sheen_roughness" => "sheened",
         "anisotropy" | "anisotropic" | "anisotropy_strength" | "anisotropy_rotation" | "alpha_u" | "alpha_v" => {
             "brushed"
         }
@@ -158,7 +160,8 @@ pub fn function(name: &str) -> Option<&'static str> {
     Some(match name.to_lowercase().as_str() {
         "lambertian" | "lambert" | "matte" => "diffuse",
         "metal" | "roughconductor" | "ggx" => "conductor",
-        "sheen" | "velvet" | "fabric" | "charlie" => "cloth",
+        "velvet" | "fabric" => "cloth",
+        "sheen" | "charlie" | "fuzz" | "dust" => "sheened",
         "clearcoat" | "clear_coat" | "coat" | "varnish" | "lacquer" => "coated",
         "anisotropic" | "ward" | "grooves" => "brushed",
         "normalmap" | "normal_texture" | "normals_map" => "normal_map",

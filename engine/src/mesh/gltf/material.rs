@@ -104,7 +104,8 @@ impl Materials {
         if made.clear.is_some() {
             (made.normals, made.opacity, made.sheen, made.coat) = (None, None, None, None);
         }
-        if (made.clear.is_some() || made.sheen.is_some()) && made.grain.take().is_some() && reading.materials() {
+        let mirrors_nothing = made.clear.is_some() || made.is_cloth();
+        if mirrors_nothing && made.grain.take().is_some() && reading.materials() {
             reading.notes.about("the anisotropy of glass and of cloth (KHR_materials_anisotropy) is left out", &name);
         }
         let numbers = [made.metallic, made.roughness, made.specular];
@@ -187,7 +188,7 @@ impl Materials {
         Some(LoadedGrain { strength, strength_image: image.map(|image| image.channels(2, 1)), rotation })
     }
 
-    /// The sheen of cloth, where there is any, with its images: the colours of one, the alpha channel of the other. What goes with it is reported.
+    /// The sheen, where there is any, with its images: the colours of one, the alpha channel of the other.
     fn sheen(
         &mut self,
         material: &gltf::Material,
@@ -203,18 +204,6 @@ impl Materials {
         let roughness = unit(&written["sheenRoughnessFactor"], "sheenRoughnessFactor", whose, reading);
         if color == Vec3::ZERO {
             return None;
-        }
-        let mut about = |sentence: &str| {
-            if reading.materials() {
-                reading.notes.about(sentence, whose);
-            }
-        };
-        if material.pbr_metallic_roughness().metallic_factor() > 0.0 {
-            about("the sheen of cloth over metal is left out");
-            return None;
-        }
-        if material.specular().is_none_or(|specular| specular.specular_factor() > 0.0) {
-            about("cloth (KHR_materials_sheen) is matte under its sheen");
         }
         let mut image =
             |name: &str, encoding| self.extension_image(written.get(name)?, encoding, at, whose, accessors, reading);

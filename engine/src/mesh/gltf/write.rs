@@ -250,8 +250,6 @@ impl Writer {
                 }
                 extensions[self.uses("KHR_materials_volume")] = volume;
             }
-        } else if material.sheen.is_some() {
-            extensions[self.uses("KHR_materials_specular")] = json!({ "specularFactor": 0.0 });
         } else if material.specular >= 0.5 && material.specular != 1.0 {
             // An index of refraction changes what is reflected head-on, and nothing at the horizon: so does `specular` from 0.25 on, which is 0.5 here.
             let root = (0.04 * material.specular).min(0.99).sqrt();

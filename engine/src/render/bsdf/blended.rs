@@ -5,6 +5,7 @@ use glam::Vec3;
 
 use super::angles::Angles;
 use super::layer::Layer;
+use super::lit::Lit;
 use super::lobes::share;
 use super::{BsdfAdjoint, Part};
 use crate::render::material::{BLEND_WEIGHT, LAYER_INPUTS, MAX_INPUTS};
@@ -69,7 +70,7 @@ impl Blended {
         out
     }
 
-    /// A normal of the microfacets, as [`Layer::sample_facet`] has it.
+    /// A normal of the microfacets, as [`Lit::sample_facet`] has it.
     pub fn sample_facet(&self, wi: Vec3, square: [f32; 2], u: f32) -> Option<Vec3> {
         let share = self.second_share(wi.z);
         let [a, b] = &self.layers;

@@ -16,25 +16,26 @@ use super::albedo::Albedo;
 use super::angles::{Angles, AnglesAdjoint};
 use super::coat::Coat;
 use super::fresnel::{d_schlick, schlick};
+use super::lit::Lit;
 use super::lobes::{Chosen, Lobes, share};
 use super::microfacet::{Ggx, Microfacets};
-use crate::render::material::MODEL_INPUTS;
+use crate::render::material::COVERS;
 
-/// The numbers of a coat, and the model under it.
+/// The numbers of a coat, and what lies under it: a model, or one under a sheen.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Coated {
+pub struct Coated<U> {
     /// The share of the surface that the coat covers, from 0 to 1.
     pub weight: f32,
     /// From 0 to 1.
     pub roughness: f32,
-    pub under: Lobes,
+    pub under: U,
 }
 
 /// Reflectance at normal incidence of a refractive index of 1.5.
 const F0: f32 = 0.04;
 const F90: f32 = 1.0;
 
-impl Coated {
+impl<U: Lit> Coated<U> {
     fn facets(&self) -> Ggx {
         Ggx::new(self.roughness)
     }
@@ -58,12 +59,40 @@ impl Coated {
         1.0 - self.weight * self.reflected(ci, co).value
     }
 
-    pub fn eval(&self, angles: &Angles) -> Vec3 {
+    /// Approximate albedos (as luminances) of the lobes under the coat, as in [`Lit::lobe_albedos`], and of the coat.
+    fn albedos(&self, ci: f32) -> [f32; 3] {
+        let ci = ci.abs().max(1e-3);
+        let passed = self.passed(ci, ci);
+        let [others, narrowest] = self.under.lobe_albedos(ci);
+        [others * passed, narrowest * passed, 1.0 - passed]
+    }
+
+    /// Share of the samples that go to the coat.
+    fn coat_share(&self, ci: f32) -> f32 {
+        let [others, narrowest, coat] = self.albedos(ci);
+        share(coat, others + narrowest)
+    }
+
+    /// The width α of the coat's lobe.
+    pub fn coat_alpha(&self) -> f32 {
+        self.facets().alpha()
+    }
+}
+
+impl<U: Lit> Lit for Coated<U> {
+    fn lobes(&self) -> &Lobes {
+        self.under.lobes()
+    }
+
+    fn lobes_mut(&mut self) -> &mut Lobes {
+        self.under.lobes_mut()
+    }
+
+    fn eval(&self, angles: &Angles) -> Vec3 {
         self.under.eval(angles) * self.passed(angles.ci, angles.co) + self.eval_coat(angles)
     }
 
-    /// Everything, and the density of [`Bsdf::sample`](super::Bsdf::sample).
-    pub fn eval_and_pdf(&self, angles: &Angles) -> (Vec3, f32) {
+    fn eval_and_pdf(&self, angles: &Angles) -> (Vec3, f32) {
         let (under, pdf) = self.under.eval_and_pdf(angles);
         let (lobe, coat_pdf) = self.facets().eval_and_pdf(angles);
         let share = self.coat_share(angles.ci);
@@ -71,22 +100,12 @@ impl Coated {
         (value, (1.0 - share) * pdf + share * coat_pdf)
     }
 
-    /// Some of the lobes.
-    pub fn eval_chosen(&self, chosen: Chosen, angles: &Angles) -> Vec3 {
+    fn eval_chosen(&self, chosen: Chosen, angles: &Angles) -> Vec3 {
         let coat = if chosen.coat { self.eval_coat(angles) } else { 0.0 };
         self.under.eval_chosen(chosen, angles) * self.passed(angles.ci, angles.co) + coat
     }
 
-    /// Adjoint of [`Coated::eval_chosen`]. `half_fixed` is as in [`Microfacets::d_eval`].
-    pub fn d_eval_chosen(
-        &self,
-        chosen: Chosen,
-        n: Vec3,
-        wi: Vec3,
-        wo: Vec3,
-        d_f: Vec3,
-        half_fixed: bool,
-    ) -> BsdfAdjoint {
+    fn d_eval_chosen(&self, chosen: Chosen, n: Vec3, wi: Vec3, wo: Vec3, d_f: Vec3, half_fixed: bool) -> BsdfAdjoint {
         let angles = Angles::new(n, wi, wo);
         let reflected = self.reflected(angles.ci, angles.co);
         let d_under = d_f * (1.0 - self.weight * reflected.value);
@@ -109,52 +128,29 @@ impl Coated {
             d_angles = d_angles + lobe.d_angles(d_lobe, d_half);
         }
         out.directions.add(&angles.adjoint(n, wi, &d_angles));
-        out.d_values[MODEL_INPUTS] = Vec3::new(d_weight, d_roughness, 0.0);
+        (out.d_values[COVERS].x, out.d_values[COVERS].y) = (d_weight, d_roughness);
         out
     }
 
-    /// A normal of the microfacets, of the coat or under it, or `None` where the direction is the cosine lobe's. `u` chooses.
-    pub fn sample_facet(&self, wi: Vec3, square: [f32; 2], u: f32) -> Option<Vec3> {
+    fn sample_facet(&self, wi: Vec3, square: [f32; 2], u: f32) -> Option<Vec3> {
         let share = self.coat_share(wi.z);
         if u < share {
             return Some(self.facets().sample(wi, square));
         }
-        let u = (u - share) / (1.0 - share);
-        (u >= self.under.base_share(wi.z)).then(|| self.under.sample_facet(wi, square))
+        Lit::sample_facet(&self.under, wi, square, (u - share) / (1.0 - share))
     }
 
-    pub fn pdf(&self, angles: &Angles) -> f32 {
+    fn pdf(&self, angles: &Angles) -> f32 {
         let share = self.coat_share(angles.ci);
         (1.0 - share) * self.under.pdf(angles) + share * self.facets().pdf(angles)
     }
 
-    /// Approximate albedos (as luminances) of both lobes under the coat and of the coat.
-    fn albedos(&self, ci: f32) -> [f32; 3] {
-        let ci = ci.abs().max(1e-3);
-        let passed = self.passed(ci, ci);
-        let [base, lobe] = self.under.albedos(ci);
-        [base * passed, lobe * passed, 1.0 - passed]
+    fn alpha(&self) -> f32 {
+        self.coat_alpha().min(self.under.alpha())
     }
 
-    /// Share of the samples that go to the coat.
-    pub fn coat_share(&self, ci: f32) -> f32 {
-        let [base, lobe, coat] = self.albedos(ci);
-        share(coat, base + lobe)
-    }
-
-    /// The width α of the coat's lobe.
-    pub fn coat_alpha(&self) -> f32 {
-        self.facets().alpha()
-    }
-
-    /// The width α of the narrowest lobe.
-    pub fn alpha(&self) -> f32 {
-        self.coat_alpha().min(self.under.spread())
-    }
-
-    /// The albedos of the narrowest lobe and of the others together.
-    pub fn lobe_albedos(&self, ci: f32) -> [f32; 2] {
-        let [base, lobe, coat] = self.albedos(ci);
-        if self.coat_alpha() <= self.under.spread() { [base + lobe, coat] } else { [base + coat, lobe] }
+    fn lobe_albedos(&self, ci: f32) -> [f32; 2] {
+        let [others, narrowest, coat] = self.albedos(ci);
+        if self.coat_alpha() <= self.under.alpha() { [others + narrowest, coat] } else { [others + coat, narrowest] }
     }
 }

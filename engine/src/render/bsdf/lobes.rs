@@ -35,11 +35,13 @@ pub enum Lobes {
     BrushedPrincipled(Brushed<Principled>),
 }
 
-/// Which lobes belong to a part of a material: the model's cosine lobe and its microfacet lobe, and the coat over it, if there is one.
+/// Which lobes belong to a part of a material: the model's cosine lobe and its microfacet lobe, and the sheen and the coat over it, if
+/// there are any.
 #[derive(Clone, Copy)]
 pub struct Chosen {
     pub base: bool,
     pub lobe: bool,
+    pub sheen: bool,
     pub coat: bool,
 }
 

@@ -29,7 +29,7 @@ impl Generator<'_, '_> {
                 _ => self.call("look_at", &[vector(3), vector(3), vector(3)], depth).any_left_out(2),
             },
             T::Mesh => self.mesh(depth),
-            T::Material => match self.tape.below(14) {
+            T::Material => match self.tape.below(15) {
                 0 => self.named("diffuse", &[("reflectance", T::Texture)], depth),
                 1 => self.call("one_sided", &[T::Material], depth),
                 2 => self.call("mask", &[T::Material, T::Texture], depth),
@@ -42,6 +42,7 @@ impl Generator<'_, '_> {
                 9 => self.named("cloth", &[("sheen", T::Texture), ("roughness", T::Texture)], depth),
                 12 => self.named("thin_dielectric", &[("ior", T::Texture), ("roughness", T::Texture)], depth),
                 11 => self.call("brushed", &[T::Material, T::Texture, T::Angle(None)], depth).loosely().any_left_out(1),
+                13 => self.call("sheened", &[T::Material, T::Texture], depth).loosely().any_left_out(1),
                 10 => self.call("blend", &[T::Material, T::Material, T::Texture], depth).loosely().any_left_out(2),
                 _ => self.field("", T::Shape, ".material", depth),
             },

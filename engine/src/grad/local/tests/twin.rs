@@ -16,8 +16,8 @@ use crate::render::light::{LightKind, LightSample};
 use crate::render::mask::MaskCrossing;
 use crate::render::texture::{Filter, Texture, Wrap};
 use crate::render::{
-    BLEND_WEIGHT, Blend, ClearCoat, Emission, GRAIN, Grain, Input, LAYER_INPUTS, MAX_INPUTS, MODEL_INPUTS, Material,
-    MaterialKind, Scene, SceneDescription, Shape, Slot, SphericalMap,
+    BLEND_WEIGHT, Blend, COVERS, ClearCoat, Emission, GRAIN, Grain, Input, LAYER_INPUTS, MAX_INPUTS, Material,
+    MaterialKind, SHEEN_COLOR, Scene, SceneDescription, Shape, SheenLayer, Slot, SphericalMap,
 };
 
 /// Numbers in three coordinates, with their derivatives.
@@ -143,7 +143,8 @@ impl Builder {
             _ => MaterialKind::Principled { base_color: a, metallic: c, roughness, specular: d },
         };
         let (kind, grain) = self.brushed(rng, kind);
-        Material { grain, coat: self.coat(rng), ..Material::from(kind) }
+        let coat = self.coat(rng);
+        Material { grain, sheen: self.sheen(rng, &kind), coat, ..Material::from(kind) }
     }
 
     /// A grain for some of those that can have one. Every other one is strong, on a surface that is smooth across it.
@@ -165,6 +166,11 @@ impl Builder {
         (kind, Some(Grain { anisotropy, ..grain }))
     }
 
+    fn sheen(&mut self, rng: &mut Pcg32, over: &MaterialKind) -> Option<SheenLayer> {
+        let wanted = !matches!(over, MaterialKind::Cloth { .. }) && rng.next_f32() < 0.3;
+        wanted.then(|| SheenLayer { color: self.input(rng, false), roughness: self.input(rng, true) })
+    }
+
     fn coat(&mut self, rng: &mut Pcg32) -> Option<ClearCoat> {
         (rng.next_f32() < 0.4).then(|| ClearCoat { weight: self.input(rng, true), roughness: self.input(rng, true) })
     }
@@ -173,8 +179,8 @@ impl Builder {
     pub fn material_or_blend(&mut self, rng: &mut Pcg32) -> Material {
         let own = self.material(rng);
         let blend = (rng.next_f32() < 0.3).then(|| {
-            let Material { kind, grain, coat, .. } = self.material(rng);
-            Blend { kind, grain, coat, weight: self.input(rng, true) }
+            let Material { kind, grain, sheen, coat, .. } = self.material(rng);
+            Blend { kind, grain, sheen, coat, weight: self.input(rng, true) }
         });
         Material { blend, ..own }
     }
@@ -337,22 +343,27 @@ impl Moving {
         });
         let material = &self.scene.description.shapes[si.prim as usize].material;
         let mut inputs = [constants(Vec3::ZERO); MAX_INPUTS];
-        let mut of_layer = |kind: &MaterialKind, grain: &Option<Grain>, coat: &Option<ClearCoat>, from: usize| {
+        type Covers<'a> = (&'a Option<SheenLayer>, &'a Option<ClearCoat>);
+        let mut of_layer = |kind: &MaterialKind, grain: &Option<Grain>, (sheen, coat): Covers, from: usize| {
             for (value, (_, input)) in inputs[from..].iter_mut().zip(kind.inputs()) {
                 *value = self.lookup(*input, si.prim, b);
             }
             if let Some(coat) = coat {
                 let [weight, roughness] = [coat.weight, coat.roughness].map(|input| self.lookup(input, si.prim, b)[0]);
-                inputs[from + MODEL_INPUTS] = [weight, roughness, number(0.0, 0.0)];
+                (inputs[from + COVERS][0], inputs[from + COVERS][1]) = (weight, roughness);
+            }
+            if let Some(sheen) = sheen {
+                inputs[from + SHEEN_COLOR] = self.lookup(sheen.color, si.prim, b);
+                inputs[from + COVERS][2] = self.lookup(sheen.roughness, si.prim, b)[0];
             }
             if let Some(grain) = grain {
                 let [anisotropy, turn] = [grain.anisotropy, grain.turn].map(|input| self.lookup(input, si.prim, b)[0]);
                 inputs[from + GRAIN] = [anisotropy, turn, number(0.0, 0.0)];
             }
         };
-        of_layer(&material.kind, &material.grain, &material.coat, 0);
+        of_layer(&material.kind, &material.grain, (&material.sheen, &material.coat), 0);
         if let Some(blend) = &material.blend {
-            of_layer(&blend.kind, &blend.grain, &blend.coat, LAYER_INPUTS);
+            of_layer(&blend.kind, &blend.grain, (&blend.sheen, &blend.coat), LAYER_INPUTS);
             inputs[BLEND_WEIGHT] = self.lookup(blend.weight, si.prim, b);
         }
         let ns = smooth.unwrap_or(ng);

@@ -141,6 +141,18 @@ fn materials_are_read_as_they_were_written() {
         LoadedMaterial { coat: Some(coat(0.8, Some(grey(3)), 0.1, None)), ..named("worn") },
         LoadedMaterial { coat: Some(coat(1.0, Some(grey(3)), 0.5, Some(fine))), ..named("worn and rough") },
         LoadedMaterial { grain: Some(grain(None)), metallic: 1.0, ..named("brushed") },
+        LoadedMaterial {
+            sheen: Some(Sheen {
+                color: vec3(0.9, 0.5, 0.2),
+                color_image: None,
+                roughness: 0.4,
+                roughness_image: Some(grey(3)),
+            }),
+            grain: Some(grain(None)),
+            coat: Some(coat(0.8, None, 0.1, None)),
+            metallic: 0.6,
+            ..named("metal under fibres")
+        },
         LoadedMaterial { grain: Some(grain(Some(grey(3)))), roughness: 0.2, ..named("brushed here and there") },
         LoadedMaterial { emissive: vec3(0.0, 0.0, 2.0), base_color: Vec3::ZERO, ..named("blue lamp") },
         LoadedMaterial { emissive: vec3(1.0, 0.5, 0.0), emissive_image: Some(colors.clone()), ..named("amber sign") },
