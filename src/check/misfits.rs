@@ -66,7 +66,7 @@ impl Checker<'_> {
                 .or_else(|| only_one_that_begins(&name.text, &known))
                 .or_else(|| crate::diag::suggest(&name.text, known.iter().copied()));
             let help = match near {
-                _ if let Some(help) = advice::of_light(site.name, &name.text) => Some(help.to_owned()),
+                _ if let Some(help) = advice::elsewhere(site.name, &name.text) => Some(help.to_owned()),
                 Some("direction") if advice::is_aim(site.name, &name.text) => Some(self.aimed(value, given)),
                 Some(field) => Some(format!("did you mean `{field}`?")),
                 None => self.around(name, given, site),

@@ -10,7 +10,7 @@ use crate::check::hir::DeclId;
 use crate::image::Image;
 use crate::mesh::load::{
     Clear, Coat, Loaded, LoadedCamera, LoadedGrain, LoadedImage, LoadedLight, LoadedLightKind, LoadedMaterial,
-    LoadedPart, LoadedProjection, Sheen,
+    LoadedPart, LoadedProjection, Sheen, Transmission,
 };
 use crate::mesh::{Mesh, ops};
 use crate::natives::value::{
@@ -246,6 +246,9 @@ impl Writer<'_> {
     }
 
     fn material(&mut self, material: &MaterialValue, name: &str) -> LoadedMaterial {
+        if let Some(leaf) = self.leaf(material, name) {
+            return leaf;
+        }
         if let Some(blend) = &material.blend {
             self.tell("glTF has no blends: of the two materials that of the larger share is written", name);
             let second = self.look(&blend.weight, false, name).mean().x > 0.5;
@@ -255,6 +258,49 @@ impl Writer<'_> {
             }
         }
         self.one_material(material, name)
+    }
+
+    /// Of a blend with a pane, the other material with the share of the light that passes.
+    fn leaf(&mut self, material: &MaterialValue, name: &str) -> Option<LoadedMaterial> {
+        let (blend, [a, b]) = (material.blend.as_ref()?, material.parts()?);
+        let is_pane = |part: &MaterialValue| matches!(part.kind, MaterialKind::ThinDielectric { .. });
+        let (own, pane, of_own) = match [&a, &b].map(is_pane) {
+            [false, true] => (a, b, false),
+            [true, false] => (b, a, true),
+            _ => return None,
+        };
+        let MaterialKind::ThinDielectric { ior, tint, roughness: Some(roughness) } = &pane.kind else { return None };
+        let mut out = self.one_material(&MaterialValue { opacity: material.opacity.clone(), ..own }, name);
+        let (tint, roughness) = (self.look(tint, true, name), self.look(roughness, false, name));
+        let is_matte = out.specular == 0.0 && out.metallic == 0.0;
+        let is_rough = is_matte || (out.roughness, &out.roughness_image) == (roughness.constant.x, &roughness.image);
+        if !is_rough || (out.base_color, &out.base_color_image) != (tint.constant, &tint.image) {
+            self.tell("what passes a surface has its colour and its roughness in glTF, not those of the pane", name);
+        }
+        if is_matte {
+            (out.roughness, out.roughness_image) = (roughness.constant.x, roughness.image);
+        }
+        let weight = self.look(&blend.weight, false, name);
+        let weight = if of_own { weight.complement() } else { weight };
+        // What glTF calls metallic and transmission are shares of other wholes (see `shares_of_leaf` of the reader).
+        let (passes, mut share) = (weight.mean().x, weight.constant.x);
+        if out.metallic > 0.0 {
+            if weight.image.is_some() || out.metallic_image.is_some() {
+                self.tell(
+                    "the share of metal in what light passes in part is written for the means of its images",
+                    name,
+                );
+            }
+            let metal = out.metallic_image.as_ref().map_or(1.0, |metal| {
+                let data = &metal.image.data;
+                data.iter().sum::<f32>() / data.len().max(1) as f32
+            });
+            out.metallic *= 1.0 - passes;
+            share /= (1.0 - out.metallic * metal).max(1e-6);
+        }
+        let ior = self.index(ior, name);
+        out.transmission = Some(Transmission { share: share.min(1.0), share_image: weight.image, ior });
+        Some(out)
     }
 
     fn grain(&mut self, grain: &Grain<Input>, name: &str) -> LoadedGrain {
@@ -423,6 +469,13 @@ struct Look {
 }
 
 impl Look {
+    /// What is left of 1. (Where there is an image, the number is 1.)
+    fn complement(self) -> Look {
+        let is_image = self.image.is_some();
+        let rest = self.map(|x| 1.0 - x);
+        if is_image { Look { constant: Vec3::ONE, ..rest } } else { rest }
+    }
+
     fn map(self, f: fn(f32) -> f32) -> Look {
         let image = self.image.map(|loaded| {
             let data = loaded.image.data.iter().copied().map(f).collect();

@@ -17,11 +17,19 @@ fn glass(b: &mut Builder, mesh: Mesh, [ior, roughness]: [f32; 2], absorption: Op
     b.add(mesh, MaterialKind::Dielectric { ior, roughness, absorption });
 }
 
-/// A rough pane, whose tint is a smooth pattern that is `darker`.
-fn pane(b: &mut Builder, mut mesh: Mesh, [ior, roughness]: [f32; 2], darker: f32) {
+/// A rough pane, whose tint is a smooth pattern that is `darker`. A `leaf` of paper or plastic is a pane by this share of its surface.
+fn pane(b: &mut Builder, mut mesh: Mesh, [ior, roughness]: [f32; 2], darker: f32, leaf: Option<f32>) {
     let tint = tint(b, &mut mesh, darker);
-    let (ior, roughness) = (b.scalar(ior), Some(b.scalar(roughness)));
-    b.add(mesh, MaterialKind::ThinDielectric { ior, tint, roughness });
+    let (ior, rough) = (b.scalar(ior), b.scalar(roughness));
+    let pane = MaterialKind::ThinDielectric { ior, tint, roughness: Some(rough) };
+    let Some(share) = leaf else {
+        b.add(mesh, pane);
+        return;
+    };
+    let (metallic, specular, weight) = (b.scalar(0.2), b.scalar(0.5), b.scalar(share));
+    let blend = Some(Blend { kind: pane, grain: None, sheen: None, coat: None, weight });
+    let kind = MaterialKind::Principled { base_color: tint, metallic, roughness: rough, specular };
+    b.add(mesh, Material { blend, ..kind.into() });
 }
 
 /// G1: a clear body under an even sky cannot be seen, but for what facets hide from one another: little where the surface is nearly smooth.
@@ -171,6 +179,8 @@ enum Moves {
     Absorption,
     Tint,
     Lamp,
+    /// The share of a leaf that light passes.
+    Share,
 }
 
 /// What is seen through rough glass, and which.
@@ -194,6 +204,10 @@ enum View {
     PaneScreen,
     /// A block on a floor, which a lamp lights through a pane.
     Shade,
+    /// As `Pane`, `PaneScreen` and `Shade`, with a leaf for the pane.
+    Leaf,
+    LeafScreen,
+    LeafShade,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -217,6 +231,8 @@ impl Row {
         let body = |mesh: Mesh| at(mesh, |v| turn * v + place);
         let behind = shift(Moves::Behind) * Vec3::X;
         let from_above = look_at(vec3(0.1, 4.0, 0.1) + eye, vec3(0.1, 0.0, 0.08) + eye, 14.0, 12);
+        let leaf = matches!(self.view, View::Leaf | View::LeafScreen | View::LeafShade);
+        let leaf = leaf.then_some(0.6 + shift(Moves::Share));
         let camera = match self.view {
             View::Plate | View::Ball => {
                 b.glowing(
@@ -267,25 +283,25 @@ impl Row {
                 );
                 look_at(vec3(0.2, 1.4, 2.5) + eye, vec3(0.0, 0.3, -0.2) + eye, 22.0, 12)
             }
-            View::Pane => {
+            View::Pane | View::Leaf => {
                 let square = at(floor(Vec3::ZERO, 0.3), |v| Mat3::from_rotation_y(0.4) * v + vec3(0.33, 0.0, 0.21));
                 b.glowing(at(square, |v| v + behind), 3.0);
                 b.glowing(floor(vec3(0.0, -0.2, 0.0), 9.0), 0.4);
-                pane(&mut b, body(floor(Vec3::ZERO, 0.3)), numbers, shift(Moves::Tint));
+                pane(&mut b, body(floor(Vec3::ZERO, 0.3)), numbers, shift(Moves::Tint), leaf);
                 sky(&mut b);
                 from_above
             }
-            View::PaneScreen => {
-                pane(&mut b, body(floor(Vec3::ZERO, 2.0)), numbers, shift(Moves::Tint));
+            View::PaneScreen | View::LeafScreen => {
+                pane(&mut b, body(floor(Vec3::ZERO, 2.0)), numbers, shift(Moves::Tint), leaf);
                 b.matte(at(floor(Vec3::ZERO, 0.2), |v| v + vec3(0.1, 0.0, 0.1) + behind), 0.5);
                 let position = vec3(0.3 + shift(Moves::Lamp), -1.0, 0.1);
                 b.description.delta_lights.push(DeltaLight::Point { position, intensity: Vec3::splat(4.0) });
                 from_above
             }
-            View::Shade => {
+            View::Shade | View::LeafShade => {
                 b.matte(floor(vec3(0.0, -0.3, 0.0), 1.5), 0.6);
                 b.matte(cuboid(vec3(0.2, 0.1, 0.1) + behind, vec3(0.25, 0.15, 0.2), 0.3), 0.7);
-                pane(&mut b, body(floor(Vec3::ZERO, 0.8)), numbers, shift(Moves::Tint));
+                pane(&mut b, body(floor(Vec3::ZERO, 0.8)), numbers, shift(Moves::Tint), leaf);
                 b.lamp(ceiling(vec3(0.1 + shift(Moves::Lamp), 2.0, 0.0), 0.4), Vec3::splat(12.0));
                 look_at(vec3(2.0, 0.7, 2.0) + eye, vec3(0.1, -0.2, 0.1) + eye, 20.0, 12)
             }
@@ -295,21 +311,20 @@ impl Row {
 
     fn check(&self) {
         // What hides a point of light from a pane throws a sharp shadow on it, within a highlight that is narrow.
-        let h = if matches!(self.view, View::Ball | View::PaneScreen) { 0.005 } else { 0.01 };
+        let screen = matches!(self.view, View::PaneScreen | View::LeafScreen);
+        let pane = screen || matches!(self.view, View::Pane | View::Leaf);
+        let h = if screen || self.view == View::Ball { 0.005 } else { 0.01 };
         // An eye that moves sees much the same, and what is scattered widely hardly moves as the plate turns.
         let least = match self.moves {
             Moves::Eye => 1.0,
             Moves::Turn => 50.0,
             _ => 0.0,
         };
-        let max_bounces =
-            if matches!(self.view, View::Screen | View::Gloss | View::Pane | View::PaneScreen) { 3 } else { 5 };
+        let max_bounces = if pane || matches!(self.view, View::Screen | View::Gloss) { 3 } else { 5 };
         let plan = Plan { h, spp: 64, fd_spp: 1024, max_bounces, least, ..Plan::default() };
         // What is scattered little is noisy where it matters little.
         let is_lost_in_noise = matches!(self.view, View::Gloss | View::Tank) && self.moves == Moves::Index;
-        let quick = matches!(self.view, View::Screen | View::Pane | View::PaneScreen)
-            || self.roughness > 0.5
-            || self.moves == Moves::Behind;
+        let quick = pane || self.view == View::Screen || self.roughness > 0.5 || self.moves == Moves::Behind;
         let quick = quick && !is_lost_in_noise;
         let agree = if quick { agree } else { agree_in_long };
         agree(&format!("{self:?}"), &|t| self.build(t), &plan);
@@ -375,4 +390,22 @@ fn a_point_behind_a_rough_pane_has_its_derivatives() {
 #[test]
 fn a_lamp_behind_a_rough_pane_has_its_derivatives() {
     check_all(View::Shade, &[0.3, 0.7], &[Moves::Behind, Moves::Roughness, Moves::Tint]);
+}
+
+/// What lets a part of the light through by the lobe of a pane, and reflects the rest as plastic does.
+#[test]
+fn edges_behind_a_leaf_have_their_derivatives() {
+    use Moves::{Behind, Eye, Glass, Index, Roughness, Share, Tint, Turn};
+    check_all(View::Leaf, &[0.25, 0.61], &[Behind, Glass, Turn, Eye, Index, Roughness, Tint, Share]);
+}
+
+#[test]
+fn a_point_behind_a_leaf_has_its_derivatives() {
+    use Moves::{Behind, Index, Lamp, Roughness, Share, Tint, Turn};
+    check_all(View::LeafScreen, &[0.25, 0.61], &[Behind, Turn, Lamp, Index, Roughness, Tint, Share]);
+}
+
+#[test]
+fn a_lamp_behind_a_leaf_has_its_derivatives() {
+    check_all(View::LeafShade, &[0.33, 0.72], &[Moves::Behind, Moves::Roughness, Moves::Tint, Moves::Share]);
 }

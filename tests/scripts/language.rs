@@ -424,6 +424,12 @@ fn errors_point_at_the_argument() {
         ("brushed(blend(conductor(), plastic()))", "blend(conductor(), plastic())", "dscene::run::value"),
         ("brushed(conductor(), anisotropy: p.y)", "p.y", "dscene::run::value"),
         ("blend(diffuse(), mirror())", "mirror()", "dscene::run::value"),
+        ("blend(thin_dielectric(), diffuse())", "thin_dielectric()", "dscene::run::value"),
+        (
+            "normal_map(blend(diffuse(), thin_dielectric(roughness: 0.3)), [0.5, 0.5, 1])",
+            "blend(diffuse(), thin_dielectric(roughness: 0.3))",
+            "dscene::run::value",
+        ),
         ("blend(blend(diffuse(), plastic()), cloth())", "blend(diffuse(), plastic())", "dscene::run::value"),
         ("blend(mask(diffuse(), 0.5), plastic())", "mask(diffuse(), 0.5)", "dscene::run::value"),
         ("blend(plastic(), one_sided(diffuse()))", "one_sided(diffuse())", "dscene::run::value"),

@@ -73,6 +73,36 @@ let by_differences = (rougher - finer) / 0.04",
     assert_eq!(shown, "sheened(conductor(reflectance: 0.8, roughness: 0.4), sheen: 0.5, sheen_roughness: 0.625)");
 }
 
+/// A leaf lets its share of the light through, by which it can be differentiated, and reflects the rest.
+#[test]
+fn blends_with_panes_let_their_share_through() {
+    let mut e = engine(
+        "camera eye { position: [0, 0, 5], look_at: [0, 0, 0], fov: 20deg, film: [4, 4] }
+param share = 0.3
+param tone: color = [0.8, 0.5, 0.2]
+material leaf = blend(diffuse(reflectance: tone), thin_dielectric(tint: tone, roughness: 0.4), weight: share)
+shape plate { mesh: rectangle(width: 9, depth: 9) |> rotate(x: 80deg), material: leaf }
+light behind = area(rectangle(width: 90, depth: 90) |> rotate(x: 90deg) |> translate([0, 0, -9]), radiance: 2)
+let through = mean(render(eye, spp: 1024, max_bounces: 1).r)
+let whole = through with { share: 1 }",
+    );
+    let whole = numbers(&mut e, "whole")[0];
+    // Of what a pane does not reflect, and its facets do not lose, the tint is left.
+    assert!((1.3..1.6).contains(&whole), "{whole}");
+    for (text, expected, allowed) in [
+        ("through", 0.3 * whole, 0.01),
+        ("through with { share: 0 }", 0.0, 0.0),
+        ("grad(through, share)", whole, 0.02),
+        ("grad(through, tone).r", 0.3 * whole / 0.8, 0.02),
+        ("through with { plate.material: blend(leaf.b, leaf.a, weight: 0.7) }", 0.3 * whole, 0.01),
+        ("through with { leaf.b.tint: 0 }", 0.0, 0.0),
+        ("leaf.b.roughness", 0.4, 1e-9),
+    ] {
+        let found = numbers(&mut e, text)[0];
+        assert!((found - expected).abs() <= allowed, "{text} is {found}, not {expected}");
+    }
+}
+
 /// A grain spreads a highlight along itself: head on it reflects in proportion to the density of facets that lie flat, which is 1 / (π αx αy). Its
 /// numbers can be read, replaced and differentiated.
 #[test]

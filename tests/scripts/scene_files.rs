@@ -48,6 +48,14 @@ shape rail {
   material: conductor(reflectance: [0.9, 0.7, 0.3], roughness: texture([[0.2, 0.6], [0.4, 0.3]], filter: nearest))
 }
 shape cushion { mesh: sphere(radius: 0.3) |> translate([-0.5, 0.3, 1.5]), material: cloth(diffuse: [0.3, 0.02, 0.1], sheen: [0.9, 0.6, 0.5], roughness: 0.3) }
+shape paper {
+  mesh: rectangle(width: 0.5, depth: 0.7) |> rotate(x: 70deg) |> translate([1.6, 0.5, 1.8])
+  material: blend(
+    principled(base_color: [0.8, 0.6, 0.3], roughness: 0.4),
+    thin_dielectric(tint: [0.8, 0.6, 0.3], roughness: 0.4),
+    weight: texture([[0.2, 0.7], [0.5, 0.9]]),
+  )
+}
 shape ribbon {
   mesh: sphere(radius: 0.3) |> translate([0.2, 0.3, -1.4])
   material: sheened(
@@ -129,6 +137,7 @@ fn a_scene_that_was_saved_looks_the_same() {
             "leaf",
             "rail",
             "cushion",
+            "paper",
             "ribbon",
             "lacquered",
             "lamp",
@@ -319,6 +328,68 @@ fn cloth_of_gltf() {
          expect max(rough) ≈ sqrt(0.57 / 0.93) within 0.5%\nexpect min(rough) == 0\nexpect max(woven.sheen.texels) ≈ 0.9 within 0.1%\n",
     );
     assert_code(&place.dsl(&["run", "b.dscene", "--out", "b"]), 0);
+}
+
+/// Thin surfaces let the share of the light through that a file says, of what is no metal; what has a volume is glass.
+#[test]
+fn transmission_of_gltf() {
+    let place = Place::new();
+    let mut file = Builder::new();
+    let image = Image { width: 2, height: 1, channels: 3, data: vec![1.0, 0.0, 0.0, 0.25, 1.0, 1.0] };
+    place.write("share.png", encode_png(&image).unwrap());
+    file.add("images", json!({"uri": "share.png"}));
+    file.add("textures", json!({"source": 0}));
+    let thin = |name: &str, metallic: f32, transmission: serde_json::Value, thickness: f32| {
+        json!({"name": name, "doubleSided": true,
+            "pbrMetallicRoughness": {"baseColorFactor": [0.2, 0.4, 0.3, 1], "metallicFactor": metallic, "roughnessFactor": 0.6},
+            "extensions": {"KHR_materials_transmission": transmission, "KHR_materials_ior": {"ior": 1.4},
+                "KHR_materials_volume": {"thicknessFactor": thickness}}})
+    };
+    let share = |share: f32| json!({"transmissionFactor": share});
+    file.add("materials", thin("leaf", 0.0, share(0.3), 0.0));
+    file.add("materials", thin("foil", 0.5, share(0.5), 0.0));
+    file.add(
+        "materials",
+        thin("lace", 0.0, json!({"transmissionFactor": 0.8, "transmissionTexture": {"index": 0}}), 0.0),
+    );
+    file.add("materials", thin("none", 0.0, share(0.0), 0.0));
+    file.add("materials", thin("pane", 0.0, share(1.0), 0.0));
+    file.add("materials", thin("milk", 0.0, share(0.3), 1.0));
+    let mut dented = thin("dented", 0.0, share(0.3), 0.0);
+    (dented["normalTexture"], dented["extensions"]["KHR_materials_clearcoat"]) =
+        (json!({"index": 0}), json!({"clearcoatFactor": 1}));
+    file.add("materials", dented);
+    for material in 0..7 {
+        let uvs = file.floats("VEC2", &[0.0, 0.0, 1.0, 0.0, 0.0, 1.0]);
+        let mesh = file.triangle(json!({"TEXCOORD_0": uvs}), json!({"material": material}));
+        file.add("nodes", json!({"mesh": mesh, "name": format!("part {material}")}));
+    }
+    file.json["scenes"] = json!([{"nodes": [0, 1, 2, 3, 4, 5, 6]}]);
+    place.write("a.gltf", file.text());
+    let loaded = read(&place, "a.gltf");
+    let told = [
+        "extensions of materials are left out: KHR_materials_transmission of “milk”, KHR_materials_volume of “milk”",
+        "normal maps of what lets a part of the light through are left out: “dented”",
+        "coats and sheens lie over what light does not pass: “dented”",
+    ];
+    let mut warnings = loaded.warnings.clone();
+    warnings.sort_unstable_by_key(|warning| told.iter().position(|told| told == warning));
+    assert_eq!(warnings, told);
+    let share = |i: usize| loaded.parts[i].material.as_ref().unwrap().transmission.as_ref().map(|t| (t.share, t.ior));
+    let of_none = [3, 4, 5].map(share);
+    assert_eq!([0, 1, 2].map(share), [Some((0.3, 1.4)), Some((0.5, 1.4)), Some((0.8, 1.4))]);
+    assert_eq!(of_none, [None; 3]);
+    // Half of the foil is metal, and a half of the rest lets light through: of the three quarters that do not, two thirds are metal.
+    place.write(
+        "a.dscene",
+        "let parts = load_shapes(\"a.gltf\")\nlet leaf = parts[0].material\nlet foil = parts[1].material\nlet lace = parts[2].material\n\
+         expect max(leaf.weight.texels) ≈ 0.3 within 0.01%\nexpect max(leaf.a.metallic.texels) == 0\n\
+         expect leaf.b.ior ≈ 1.4 within 0.01%\nexpect leaf.b.tint.texels[0, 0, 1] ≈ 0.4 within 0.01%\n\
+         expect max(leaf.b.roughness.texels) ≈ 0.6 within 0.01%\nexpect max(foil.weight.texels) ≈ 0.25 within 0.01%\n\
+         expect max(foil.a.metallic.texels) ≈ 2 / 3 within 0.01%\nexpect max(lace.weight.texels) ≈ 0.8 within 0.01%\n\
+         expect min(lace.weight.texels) ≈ 0.2 within 1%\nprint parts[4].material\n",
+    );
+    assert_code(&place.dsl(&["run", "a.dscene", "--out", "run"]), 0);
 }
 
 /// The clear coat of a file's material is read with its images; its own normals are told by name.

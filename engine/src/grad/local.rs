@@ -219,7 +219,7 @@ pub fn d_attached_direction(
 /// The direction in which an attached facet reflects, and its adjoint, given those of the direction `wo` of the lobe: on the far side of a pane
 /// it is mirrored at the plane of the surface, which adds to the adjoint of the vertex.
 fn d_reflected_by_facet(si: &SurfaceInteraction, wo: Vec3, d_wo: Vec3, adj: &mut VertexAdjoint) -> (Vec3, Vec3) {
-    if !matches!(si.bsdf, Bsdf::RoughPane(_)) || si.ns.dot(wo) >= 0.0 {
+    if si.ns.dot(wo) >= 0.0 || !si.bsdf.has_pane() {
         return (wo, d_wo);
     }
     let reflected = mirrored_at_plane(si.ns, wo);

@@ -158,6 +158,25 @@ pub enum Clear {
     Pane(f32),
 }
 
+/// The light that passes a thin surface, as KHR_materials_transmission has it: of what is neither reflected nor meets metal, by the lobe of a rough
+/// pane of the base colour and of the surface's roughness. If the share has a texture, the texture multiplies it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Transmission {
+    /// From 0 to 1.
+    pub share: f32,
+    /// One channel.
+    pub share_image: Option<LoadedImage>,
+    /// The refractive index.
+    pub ior: f32,
+}
+
+impl Transmission {
+    /// The share as a texture of one channel, already multiplied by the number.
+    pub fn share_texels(&self) -> LoadedImage {
+        texels(self.share_image.as_ref(), &[self.share])
+    }
+}
+
 /// The sheen of fibres over a material, as KHR_materials_sheen has it. If a number has a texture, the texture multiplies it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sheen {
@@ -258,6 +277,8 @@ pub struct LoadedMaterial {
     pub opacity: Option<LoadedImage>,
     /// If light passes it: then of the other numbers only its roughness, what is emitted and the base colour of a pane count.
     pub clear: Option<Clear>,
+    /// If a part of the light passes it, beside which all else counts.
+    pub transmission: Option<Transmission>,
     /// The fibres over it; over what light passes there are none. Where nothing under them mirrors it is cloth.
     pub sheen: Option<Sheen>,
     /// Of what mirrors.
@@ -285,6 +306,7 @@ impl Default for LoadedMaterial {
             double_sided: true,
             opacity: None,
             clear: None,
+            transmission: None,
             sheen: None,
             grain: None,
             coat: None,
@@ -306,7 +328,8 @@ impl LoadedMaterial {
         let varies = |loaded: &LoadedImage| loaded.image.width * loaded.image.height > 1;
         let of_coat = self.coat.iter().flat_map(|coat| [&coat.weight_image, &coat.roughness_image]);
         let of_sheen = self.sheen.iter().flat_map(|sheen| [&sheen.color_image, &sheen.roughness_image]);
-        let images = images.into_iter().chain(of_coat).chain(of_sheen);
+        let of_share = self.transmission.iter().map(|transmission| &transmission.share_image);
+        let images = images.into_iter().chain(of_coat).chain(of_sheen).chain(of_share);
         self.normals.is_some() || self.grain.is_some() || images.flatten().any(varies)
     }
 

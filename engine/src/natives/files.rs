@@ -8,12 +8,12 @@ use crate::image::Image;
 use crate::memory::Shortage;
 use crate::mesh::load::{
     Clear, Coat, Loaded, LoadedCamera, LoadedGrain, LoadedImage, LoadedLight, LoadedLightKind, LoadedMaterial,
-    LoadedPart, LoadedProjection, NO_TRIANGLE, Sheen, Wanted, load, load_cameras,
+    LoadedPart, LoadedProjection, NO_TRIANGLE, Sheen, Transmission, Wanted, load, load_cameras,
 };
 use crate::mesh::{Mesh, MeshError};
 use crate::render::bsdf::sheen_roughness_of;
 use crate::render::texture::Filter;
-use crate::render::{ClearCoat, Grain, MaterialKind, SheenLayer};
+use crate::render::{Blend, ClearCoat, Grain, MaterialKind, SheenLayer};
 use crate::stop;
 use crate::tape::{Tensor, Var};
 use crate::work;
@@ -123,11 +123,15 @@ impl Converter {
             (Some(loaded), Some(Tint::Varying)) => {
                 let mut appearance = (*self.appearance(loaded)?).clone();
                 let mut material = (*appearance.material).clone();
-                if let MaterialKind::Principled { base_color, .. } | MaterialKind::Cloth { diffuse: base_color, .. } =
-                    &mut material.kind
-                    && let Input::Texture(texels) = base_color
-                {
-                    *base_color = Input::Tinted(texels.clone());
+                let kinds = [Some(&mut material.kind), material.blend.as_mut().map(|blend| &mut blend.kind)];
+                for kind in kinds.into_iter().flatten() {
+                    if let MaterialKind::Principled { base_color, .. }
+                    | MaterialKind::Cloth { diffuse: base_color, .. }
+                    | MaterialKind::ThinDielectric { tint: base_color, .. } = kind
+                        && let Input::Texture(texels) = base_color
+                    {
+                        *base_color = Input::Tinted(texels.clone());
+                    }
                 }
                 appearance.material = Arc::new(material);
                 appearance.radiance = match appearance.radiance {
@@ -197,6 +201,16 @@ fn appearance(loaded: &LoadedMaterial) -> Result<Appearance, Shortage> {
         return Ok(Appearance { radiance, two_sided: true, ..plain(material) });
     }
     let base_color = texels(loaded.base_color_texels())?;
+    let (metallic, blend) = match &loaded.transmission {
+        Some(transmission) => {
+            let [metallic, weight] = shares_of_leaf(loaded, transmission)?;
+            let ior = Input::Number(Var::from(f64::from(transmission.ior)));
+            let (tint, roughness) = (base_color.clone(), Some(texels(loaded.roughness_texels())?));
+            let kind = MaterialKind::ThinDielectric { ior, tint, roughness };
+            (metallic, Some(Blend { kind, grain: None, sheen: None, coat: None, weight }))
+        }
+        None => (texels(loaded.metallic_texels())?, None),
+    };
     let sheen = loaded.sheen.as_ref().map(sheen).transpose()?;
     let (kind, sheen) = match sheen {
         // Over a base that mirrors nothing it is cloth.
@@ -206,7 +220,7 @@ fn appearance(loaded: &LoadedMaterial) -> Result<Appearance, Shortage> {
         sheen => {
             let kind = MaterialKind::Principled {
                 base_color,
-                metallic: texels(loaded.metallic_texels())?,
+                metallic,
                 roughness: texels(loaded.roughness_texels())?,
                 specular: Input::Number(Var::from(0.5 * f64::from(loaded.specular))),
             };
@@ -225,9 +239,33 @@ fn appearance(loaded: &LoadedMaterial) -> Result<Appearance, Shortage> {
     };
     let grain = loaded.grain.as_ref().map(grain).transpose()?;
     let one_sided = !loaded.double_sided;
-    let material = Arc::new(MaterialValue { grain, sheen, coat, one_sided, opacity, normals, ..kind.into() });
+    let material = Arc::new(MaterialValue { grain, sheen, coat, blend, one_sided, opacity, normals, ..kind.into() });
     let radiance = loaded.emissive_texels().map(texels).transpose()?;
     Ok(Appearance { material, radiance, two_sided: loaded.double_sided })
+}
+
+/// Of a surface that light passes in part, the share of metal in what it does not pass, and the share that it passes. Of what glTF mixes,
+/// m metal and (1 − m) t pane, these are m / (1 − (1 − m) t) and (1 − m) t.
+fn shares_of_leaf(loaded: &LoadedMaterial, transmission: &Transmission) -> Result<[Input; 2], Shortage> {
+    let [metallic, share] = [loaded.metallic_texels(), transmission.share_texels()];
+    let size = |loaded: &LoadedImage| loaded.image.width * loaded.image.height;
+    // The smaller image is looked up at the texels of the larger one.
+    let larger = if size(&metallic) > size(&share) { &metallic } else { &share };
+    let (width, height) = (larger.image.width, larger.image.height);
+    let at = |loaded: &LoadedImage, i: usize| {
+        let (x, y) = (i % width, i / width);
+        loaded.image.pixel(x * loaded.image.width / width, y * loaded.image.height / height)[0]
+    };
+    let image = |of: &dyn Fn(f32, f32) -> f32| {
+        let data = (0..width * height).map(|i| of(at(&metallic, i), at(&share, i))).collect();
+        let image = Arc::new(Image { width, height, channels: 1, data });
+        texels(LoadedImage { image, ..larger.clone() })
+    };
+    let passes = |m: f32, t: f32| (1.0 - m) * t;
+    let metal = |m: f32, t: f32| {
+        if m == 0.0 { 0.0 } else { (m / (1.0 - passes(m, t))).min(1.0) }
+    };
+    Ok([image(&metal)?, image(&passes)?])
 }
 
 fn sheen(sheen: &Sheen) -> Result<SheenLayer<Input>, Shortage> {

@@ -298,8 +298,9 @@ fn normal_map(a: &Args) -> Result<Value> {
     if inner.normals.is_some() {
         return Err(NativeError::at(0, "this material has a normal map already"));
     }
-    if !inner.kind.is_layer() {
-        let message = format!("{}, which normal maps do not tilt", no_layer(&inner));
+    let kinds = [Some(&inner.kind), inner.blend.as_ref().map(|blend| &blend.kind)];
+    if let Some(kind) = kinds.into_iter().flatten().find(|kind| !kind.is_layer()) {
+        let message = format!("{}, which normal maps do not tilt", no_layer(kind));
         return Err(NativeError::at(0, message).help("`conductor(roughness: 0.05, …)` has a lobe that they do"));
     }
     let normals = material_input(a, NORMALS)?;
@@ -326,7 +327,7 @@ fn sheened(a: &Args) -> Result<Value> {
             .help("give both a sheen: `blend(sheened(a), sheened(b), weight: …)`"));
     }
     if !inner.kind.is_layer() {
-        let message = format!("{}, which no sheen covers", no_layer(&inner));
+        let message = format!("{}, which no sheen covers", no_layer(&inner.kind));
         return Err(NativeError::at(0, message).help("`conductor(roughness: 0, …)` has a lobe that a sheen can cover"));
     }
     let sheen = SheenLayer { color: material_input(a, SHEEN)?, roughness: material_input(a, SHEEN_ROUGHNESS)? };
@@ -344,7 +345,7 @@ fn coated(a: &Args) -> Result<Value> {
             .help("coat both: `blend(coated(a), coated(b), weight: …)`"));
     }
     if !inner.kind.is_layer() {
-        let message = format!("{}, which no coat covers", no_layer(&inner));
+        let message = format!("{}, which no coat covers", no_layer(&inner.kind));
         return Err(NativeError::at(0, message).help("`conductor(roughness: 0, …)` has a lobe that a coat can cover"));
     }
     let coat = ClearCoat { weight: material_input(a, COAT)?, roughness: material_input(a, COAT_ROUGHNESS)? };
@@ -370,9 +371,9 @@ fn brushed(a: &Args) -> Result<Value> {
 }
 
 /// Why a material has no coat, no sheen, no normal map and no place in a blend.
-pub(super) fn no_layer(material: &MaterialValue) -> String {
-    let does = if material.kind.is_delta() { "scatters light in single directions" } else { "lets light through" };
-    format!("`{}` {does}", material.kind.name())
+pub(super) fn no_layer(kind: &MaterialKind<Input>) -> String {
+    let does = if kind.is_delta() { "scatters light in single directions" } else { "lets light through" };
+    format!("`{}` {does}", kind.name())
 }
 
 pub(super) fn material_of(a: &Args, index: usize) -> Result<Arc<MaterialValue>> {

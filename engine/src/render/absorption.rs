@@ -42,7 +42,7 @@ impl Scene {
     pub(crate) fn inside_after(&self, si: &SurfaceInteraction, dir: Vec3) -> Option<Inside> {
         self.absorbs().then(|| {
             let mut inside = self.in_front_of(si);
-            if si.bsdf.is_rough_dielectric() && si.side(dir) < 0.0 {
+            if si.bsdf.has_both_sides() && si.side(dir) < 0.0 {
                 self.pass(&mut inside, si);
             }
             inside

@@ -248,10 +248,14 @@ impl<I> MaterialKind<I> {
         matches!(self, Mirror { .. } | Dielectric { roughness: None, .. } | ThinDielectric { roughness: None, .. })
     }
 
-    /// Whether a coat may cover such a material, another be blended with it and a normal map tilt it: its lobes have a width, and lie on one
-    /// side of the surface.
+    /// Whether a coat or a sheen may cover such a material and a normal map tilt it: its lobes have a width, and lie on one side of the surface.
     pub fn is_layer(&self) -> bool {
         !self.is_delta() && !self.is_clear()
+    }
+
+    /// Whether such a material may be one of the two of a blend: its lobes have a width, and it is no body of glass.
+    pub fn may_be_blended(&self) -> bool {
+        self.is_layer() || matches!(self, MaterialKind::ThinDielectric { roughness: Some(_), .. })
     }
 
     /// Whether such a material is glass with a smooth surface, which lets light through in single directions.
@@ -370,10 +374,19 @@ impl Bsdf {
         }
     }
 
-    /// Whether it is rough glass, a body of it or a pane, which has a lobe on each side of the surface.
+    /// Whether it has lobes on both sides of the surface: rough glass, a body of it or a pane, and what is blended with such a pane.
     #[inline]
-    pub(crate) fn is_rough_dielectric(&self) -> bool {
-        matches!(self, Bsdf::RoughDielectric(_) | Bsdf::RoughPane(_))
+    pub(crate) fn has_both_sides(&self) -> bool {
+        match self {
+            Bsdf::RoughDielectric(_) | Bsdf::RoughPane(_) => true,
+            Bsdf::Blended(blended) => blended.has_pane(),
+            _ => false,
+        }
+    }
+
+    /// Whether what it lets through is that of a rough pane, whose facets mirror light at the plane of the surface.
+    pub(crate) fn has_pane(&self) -> bool {
+        self.has_both_sides() && !matches!(self, Bsdf::RoughDielectric(_))
     }
 
     /// The index on the side of `wo` over that on the side of `wi`, of a surface that has let light through.
@@ -395,7 +408,7 @@ impl Bsdf {
         }
     }
 
-    /// The value of the BSDF times |cos θo|. Zero for `wo` below the surface, but for that of rough glass.
+    /// The value of the BSDF times |cos θo|. Zero for `wo` below the surface, but for what has lobes on both sides.
     #[inline(always)]
     pub fn eval(&self, n: Vec3, wi: Vec3, wo: Vec3) -> Vec3 {
         match *self {
@@ -409,10 +422,18 @@ impl Bsdf {
         match self {
             Bsdf::RoughDielectric(rough) => rough.eval_and_pdf(n, wi, wo).0,
             Bsdf::RoughPane(pane) => pane.eval_and_pdf(n, wi, wo).0,
-            _ if n.dot(wo) <= 0.0 => Vec3::ZERO,
+            _ if n.dot(wo) <= 0.0 => self.through(n, wi, wo).0,
             Bsdf::Layer(layer) => layer.eval(&Angles::new(n, wi, wo)),
             Bsdf::Blended(blended) => blended.eval(&Angles::new(n, wi, wo)),
             _ => Vec3::ZERO,
+        }
+    }
+
+    /// What a blend with a pane lets through, and its density. Other lobes lie above the surface.
+    fn through(&self, n: Vec3, wi: Vec3, wo: Vec3) -> (Vec3, f32) {
+        match self {
+            Bsdf::Blended(blended) if blended.has_pane() => blended.through(n, wi, wo),
+            _ => (Vec3::ZERO, 0.0),
         }
     }
 
@@ -423,7 +444,7 @@ impl Bsdf {
         match *self {
             Bsdf::RoughDielectric(rough) => rough.eval_and_pdf(n, wi, wo),
             Bsdf::RoughPane(pane) => pane.eval_and_pdf(n, wi, wo),
-            _ if co <= 0.0 => (Vec3::ZERO, 0.0),
+            _ if co <= 0.0 => self.through(n, wi, wo),
             Bsdf::Diffuse { reflectance } => (lambertian(reflectance, co), cosine_hemisphere_pdf(co)),
             _ => self.eval_and_pdf_at(&Angles::new(n, wi, wo)),
         }
@@ -443,6 +464,7 @@ impl Bsdf {
         match (self, part) {
             (Bsdf::RoughDielectric(rough), Part::Specular) => rough.eval_and_pdf(n, wi, wo).0,
             (Bsdf::RoughPane(pane), Part::Specular) => pane.eval_and_pdf(n, wi, wo).0,
+            (_, Part::Specular) if co <= 0.0 => self.through(n, wi, wo).0,
             _ if co <= 0.0 => Vec3::ZERO,
             (Bsdf::Diffuse { reflectance }, Part::Diffuse) => lambertian(*reflectance, co),
             (Bsdf::Layer(Layer::Bare(lobes)), Part::Diffuse) => lobes.eval_base(n.dot(wi).abs(), co),
@@ -460,6 +482,7 @@ impl Bsdf {
         match (self, part) {
             (Bsdf::RoughDielectric(rough), Part::Specular) => rough.d_eval(n, wi, wo, d_f),
             (Bsdf::RoughPane(pane), Part::Specular) => pane.d_eval(n, wi, wo, d_f, false),
+            (Bsdf::Blended(blended), _) => blended.d_eval_part(part, n, wi, wo, d_f, false),
             _ if n.dot(wo) <= 0.0 => BsdfAdjoint::default(),
             (Bsdf::Diffuse { reflectance }, Part::Diffuse) => d_lambertian(*reflectance, n, wo, d_f),
             _ => self.d_eval_lobes(part, n, wi, wo, d_f, false),
@@ -473,7 +496,6 @@ impl Bsdf {
             (Bsdf::Layer(layer), _) => {
                 layer.d_eval_chosen(layer.chosen(part, layer.is_narrow()), n, wi, wo, d_f, half_fixed)
             }
-            (Bsdf::Blended(blended), _) => blended.d_eval_part(part, n, wi, wo, d_f, half_fixed),
             _ => BsdfAdjoint::default(),
         }
     }
@@ -484,6 +506,7 @@ impl Bsdf {
         match self {
             Bsdf::RoughDielectric(rough) => rough.d_reflected(n, wi, wo, d_f, true),
             Bsdf::RoughPane(pane) => pane.d_eval(n, wi, wo, d_f, true),
+            Bsdf::Blended(blended) => blended.d_eval_part(Part::Specular, n, wi, wo, d_f, true),
             _ if n.dot(wo) <= 0.0 => BsdfAdjoint::default(),
             _ => self.d_eval_lobes(Part::Specular, n, wi, wo, d_f, true),
         }
@@ -491,7 +514,7 @@ impl Bsdf {
 
     /// Adjoint of [`Bsdf::eval`].
     pub fn d_eval(&self, n: Vec3, wi: Vec3, wo: Vec3, d_f: Vec3) -> BsdfAdjoint {
-        if self.is_rough_dielectric() {
+        if matches!(self, Bsdf::RoughDielectric(_) | Bsdf::RoughPane(_)) {
             return self.d_eval_part(Part::Specular, n, wi, wo, d_f);
         }
         let mut out = self.d_eval_part(Part::Diffuse, n, wi, wo, d_f);
@@ -528,7 +551,10 @@ impl Bsdf {
             Bsdf::Diffuse { .. } => None,
             Bsdf::Layer(Layer::Bare(lobes)) => return sample_lobes(lobes, wi, square, u[2]),
             Bsdf::Layer(layer) => layer.sample_facet(wi, square, u[2]),
-            Bsdf::Blended(blended) => blended.sample_facet(wi, square, u[2]),
+            Bsdf::Blended(blended) => match blended.sample_facet(wi, square, u[2]) {
+                (Some(h), true) => return self.sample_through(wi, h),
+                (facet, _) => facet,
+            },
         };
         let (wo, (f, pdf), lobe) = match facet {
             Some(h) => {
@@ -543,6 +569,14 @@ impl Bsdf {
         (pdf > 0.0 && pdf.is_finite()).then_some(BsdfSample { wo, f, pdf, lobe, eta: 1.0 })
     }
 
+    /// A sample of the lobe that a blend with a pane has on the other side, by the facet that light passes.
+    fn sample_through(&self, wi: Vec3, h: Vec3) -> Option<BsdfSample> {
+        let front = reflect(wi, h)?;
+        let wo = front.with_z(-front.z);
+        let (f, pdf) = self.through(Vec3::Z, wi, wo);
+        (pdf > 0.0 && pdf.is_finite()).then_some(BsdfSample { wo, f, pdf, lobe: Lobe::GLOSSY_REFRACTED, eta: 1.0 })
+    }
+
     /// Solid-angle density of [`Bsdf::sample`], without delta lobes.
     #[inline]
     pub fn pdf(&self, n: Vec3, wi: Vec3, wo: Vec3) -> f32 {
@@ -550,7 +584,7 @@ impl Bsdf {
         match self {
             Bsdf::RoughDielectric(rough) => rough.eval_and_pdf(n, wi, wo).1,
             Bsdf::RoughPane(pane) => pane.eval_and_pdf(n, wi, wo).1,
-            _ if co <= 0.0 => 0.0,
+            _ if co <= 0.0 => self.through(n, wi, wo).1,
             Bsdf::Diffuse { .. } => cosine_hemisphere_pdf(co),
             _ => self.pdf_of_lobes(&Angles::new(n, wi, wo)),
         }

@@ -395,6 +395,7 @@ impl SurfaceInteraction {
         let rough = match self.bsdf {
             Bsdf::RoughDielectric(rough) => rough,
             Bsdf::RoughPane(pane) => return Some((pane.alpha(), -self.wi)),
+            Bsdf::Blended(blended) => return blended.pane_alpha().map(|alpha| (alpha, -self.wi)),
             _ => return None,
         };
         let (n, eta) = (self.normal_to_wi(), rough.eta());

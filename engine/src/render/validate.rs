@@ -212,7 +212,7 @@ fn validate_inputs(shape: &Shape, textures: &[Texture]) -> Result<(), String> {
     }
     if let Some(blend) = &shape.material.blend {
         for kind in [&shape.material.kind, &blend.kind] {
-            if !kind.is_layer() || *kind == MaterialKind::Black {
+            if !kind.may_be_blended() || *kind == MaterialKind::Black {
                 return Err(format!("a blend is of lobes that have a width, and `{}` has none", kind.name()));
             }
         }
@@ -228,11 +228,9 @@ fn validate_inputs(shape: &Shape, textures: &[Texture]) -> Result<(), String> {
         }
     }
     if let Some(normals) = shape.material.normals {
-        if !shape.material.kind.is_layer() {
-            return Err(format!(
-                "a normal map tilts lobes that have a width, and `{}` has none",
-                shape.material.kind.name()
-            ));
+        let mut kinds = [&shape.material.kind].into_iter().chain(shape.material.blend.iter().map(|blend| &blend.kind));
+        if let Some(kind) = kinds.find(|kind| !kind.is_layer()) {
+            return Err(format!("a normal map tilts lobes on one side of a surface, and `{}` has none", kind.name()));
         }
         if mesh.uvs.is_none() {
             return Err("the material has a normal map, but the mesh has no texture coordinates".into());

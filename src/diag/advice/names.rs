@@ -121,9 +121,14 @@ pub fn around_material(argument: &str) -> Option<&'static str> {
     })
 }
 
-/// What a light has for an argument that it has not: a point with a profile is turned.
-pub fn of_light(light: &str, argument: &str) -> Option<&'static str> {
-    match (light, argument.to_lowercase().as_str()) {
+/// What a light or a material has for an argument that it has not: a point with a profile is turned.
+pub fn elsewhere(model: &str, argument: &str) -> Option<&'static str> {
+    match (model, argument.to_lowercase().as_str()) {
+        ("principled" | "diffuse" | "plastic", "transmission" | "spec_trans" | "translucency" | "transmittance") => {
+            Some(
+                "a `blend` with a frosted pane lets light through: `blend(…, thin_dielectric(tint: …, roughness: …), weight: …)`",
+            )
+        }
         ("point", "direction" | "aim" | "target" | "look_at" | "to" | "axis") => {
             Some("a `profile` is turned by `rotation: aim(…)`; light in a cone is a `spot`")
         }

@@ -19,6 +19,17 @@ material d = conductor(roughness: 0.2, anisotropy: 0.5)",
         ],
     },
     Case {
+        name: "what_lets_light_through",
+        prelude: "",
+        script: "\
+material a = principled(base_color: 0.5, transmission: 0.4)
+material b = blend(diffuse(), thin_dielectric(), weight: 0.4)",
+        wanted: &[
+            ("dscene::call::unknown_argument", "transmission", "thin_dielectric(tint: …, roughness: …)"),
+            ("dscene::value::refused", "thin_dielectric()", "`thin_dielectric(roughness: 0, …)` can be blended"),
+        ],
+    },
+    Case {
         name: "blends",
         prelude: "",
         script: "\

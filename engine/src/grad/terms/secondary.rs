@@ -299,7 +299,7 @@ impl<'a> Secondary<'a> {
     ) -> Option<EdgePoint> {
         let si = &vertices.last()?.si;
         // Rough glass sees edges on both of its sides, each with a query of its own.
-        let side = (si.bsdf.is_rough_dielectric() && !matches!(route, Route::Curved(_))).then(|| {
+        let side = (si.bsdf.has_both_sides() && !matches!(route, Route::Curved(_))).then(|| {
             let passes = sampler.next_1d() < PASSES;
             (passes, if passes { PASSES } else { 1.0 - PASSES })
         });

@@ -507,11 +507,11 @@ fn sample_direction(bsdf: &Bsdf, wi: Vec3, sampler: &mut Sampler) -> Option<(Vec
     let u = sampler.next_3d();
     let wo = if sampler.next_1d() < UNIFORM_FRACTION {
         let dir = uniform_sphere([u[0], u[1]]);
-        if bsdf.is_rough_dielectric() { dir } else { dir.with_z(dir.z.abs()) }
+        if bsdf.has_both_sides() { dir } else { dir.with_z(dir.z.abs()) }
     } else {
         bsdf.sample(wi, u)?.wo
     };
-    let hemispheres = if bsdf.is_rough_dielectric() { 2.0 } else { 1.0 };
+    let hemispheres = if bsdf.has_both_sides() { 2.0 } else { 1.0 };
     let pdf = (1.0 - UNIFORM_FRACTION) * bsdf.pdf(Vec3::Z, wi, wo) + UNIFORM_FRACTION * 0.5 * FRAC_1_PI / hemispheres;
     Some((wo, pdf))
 }

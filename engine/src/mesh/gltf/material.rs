@@ -10,7 +10,7 @@ use serde_json::Value;
 
 use crate::image::file::Encoding;
 use crate::image::{Image, Wrap};
-use crate::mesh::load::{Clear, Coat, LoadedGrain, LoadedImage, LoadedMaterial, Sheen};
+use crate::mesh::load::{Clear, Coat, LoadedGrain, LoadedImage, LoadedMaterial, Sheen, Transmission};
 use crate::mesh::reading::Reading;
 
 use super::accessor::Accessors;
@@ -63,6 +63,7 @@ impl Materials {
         let coat = self.coat(material, at, &name, accessors, reading);
         let sheen = self.sheen(material, at, &name, accessors, reading);
         let grain = self.grain(material, at, &name, accessors, reading);
+        let transmission = self.transmission(material, at, &name, accessors, reading);
         let [r, g, b, alpha] = reading.within(pbr.base_color_factor(), 0.0..=1.0, "baseColorFactor", &name);
         let mut unit = |x: f32, what: &str| reading.within([x], 0.0..=1.0, what, &name)[0];
         let (metallic, roughness) =
@@ -90,6 +91,7 @@ impl Materials {
             double_sided: material.double_sided(),
             opacity: opacity(material, base_color.as_ref(), alpha, &name, reading),
             clear: clear(material, ior, &name, reading),
+            transmission: transmission.map(|transmission| Transmission { ior, ..transmission }),
             sheen,
             grain,
             coat,
@@ -99,10 +101,21 @@ impl Materials {
             // An unlit material shows its colour whatever the light: it emits that colour and reflects nothing.
             (made.emissive, made.emissive_image) = (made.base_color, made.base_color_image.take());
             (made.base_color, made.metallic, made.specular) = (Vec3::ZERO, 0.0, 0.0);
-            (made.coat, made.grain, made.sheen, made.clear, made.normals) = (None, None, None, None, None);
+            (made.coat, made.grain, made.sheen) = (None, None, None);
+            (made.clear, made.transmission, made.normals) = (None, None, None);
         }
         if made.clear.is_some() {
             (made.normals, made.opacity, made.sheen, made.coat) = (None, None, None, None);
+        }
+        if made.transmission.is_some() {
+            let mut about = |sentence: &str, is_there: bool| {
+                if is_there && reading.materials() {
+                    reading.notes.about(sentence, &name);
+                }
+            };
+            about("normal maps of what lets a part of the light through are left out", made.normals.take().is_some());
+            let is_covered = made.coat.is_some() || made.sheen.is_some();
+            about("coats and sheens lie over what light does not pass", is_covered);
         }
         let mirrors_nothing = made.clear.is_some() || made.is_cloth();
         if mirrors_nothing && made.grain.take().is_some() && reading.materials() {
@@ -186,6 +199,25 @@ impl Materials {
         }
         let rotation = rotation + turned.unwrap_or(0.0);
         Some(LoadedGrain { strength, strength_image: image.map(|image| image.channels(2, 1)), rotation })
+    }
+
+    /// The share of the light that passes a thin surface with its image, the red channel, where it is not all everywhere: then it is glass, see
+    /// [`clear`]. The index is left to whoever knows it.
+    fn transmission(
+        &mut self,
+        material: &gltf::Material,
+        at: (u32, UvTransform),
+        whose: &str,
+        accessors: &Accessors,
+        reading: &mut Reading,
+    ) -> Option<Transmission> {
+        let (share, is_body) = transmission(material)?;
+        if is_body || is_glass(material) {
+            return None;
+        }
+        let map = material.extension_value(TRANSMISSION).and_then(|written| written.get("transmissionTexture"));
+        let image = map.and_then(|map| self.extension_image(map, Encoding::Linear, at, whose, accessors, reading));
+        Some(Transmission { share, share_image: image.map(|image| image.channels(0, 1)), ior: 1.5 })
     }
 
     /// The sheen, where there is any, with its images: the colours of one, the alpha channel of the other.
@@ -335,7 +367,8 @@ fn tell(material: &gltf::Material, name: &str, reading: &mut Reading) {
         }
     }
     let known = |name: &str| {
-        matches!(name, TRANSMISSION | VOLUME) && transmission(material).is_some()
+        matches!(name, TRANSMISSION | VOLUME)
+            && transmission(material).is_none_or(|(_, is_body)| !is_body || is_glass(material))
             || [SHEEN, CLEARCOAT, ANISOTROPY].contains(&name)
     };
     for extension in material.extensions().into_iter().flat_map(|e| e.keys()).filter(|name| !known(name)) {
@@ -349,12 +382,23 @@ const SHEEN: &str = "KHR_materials_sheen";
 const CLEARCOAT: &str = "KHR_materials_clearcoat";
 pub(super) const ANISOTROPY: &str = "KHR_materials_anisotropy";
 
-/// Of a surface that lets most of the light through (KHR_materials_transmission), how much, and whether a body is behind it: its
+/// Of a surface that lets light through (KHR_materials_transmission), how much, from 0 to 1, and whether a body is behind it: its
 /// KHR_materials_volume then has a thickness. (Without one glTF means a thin wall, which does not refract.)
-fn transmission(material: &gltf::Material) -> Option<(f64, bool)> {
+fn transmission(material: &gltf::Material) -> Option<(f32, bool)> {
     let number = |extension: &str, name: &str| material.extension_value(extension)?.get(name)?.as_f64();
-    let share = number(TRANSMISSION, "transmissionFactor").filter(|share| *share >= 0.5)?.min(1.0);
-    Some((share, number(VOLUME, "thicknessFactor").is_some_and(|thickness| thickness > 0.0)))
+    let share = number(TRANSMISSION, "transmissionFactor").filter(|share| *share > 0.0)?.min(1.0);
+    Some((share as f32, number(VOLUME, "thicknessFactor").is_some_and(|thickness| thickness > 0.0)))
+}
+
+/// Whether a surface becomes glass: that of a body which lets most of the light through, and a thin one which lets all through everywhere.
+fn is_glass(material: &gltf::Material) -> bool {
+    let varies =
+        || material.extension_value(TRANSMISSION).is_some_and(|written| written.get("transmissionTexture").is_some());
+    transmission(material).is_some_and(
+        |(share, is_body)| {
+            if is_body { share >= 0.5 } else { share == 1.0 && !varies() }
+        },
+    )
 }
 
 /// Whether and how light passes a material. What it has beside that is reported.
@@ -365,7 +409,7 @@ fn clear(material: &gltf::Material, ior: f32, name: &str, reading: &mut Reading)
             reading.within([x as f32], 0.0..=most, what, name);
         }
     }
-    let (share, is_body) = transmission(material)?;
+    let (share, is_body) = transmission(material).filter(|_| is_glass(material))?;
     let pbr = material.pbr_metallic_roughness();
     let has = |extension: &str, name: &str| material.extension_value(extension).is_some_and(|e| e.get(name).is_some());
     let is_plain = share == 1.0

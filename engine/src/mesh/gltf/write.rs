@@ -12,7 +12,7 @@ use crate::image::filter::resize;
 use crate::image::{Image, ImageError, Wrap};
 use crate::mesh::load::{
     Clear, Coat, Loaded, LoadedCamera, LoadedGrain, LoadedImage, LoadedLight, LoadedLightKind, LoadedMaterial,
-    LoadedPart, LoadedProjection, Sheen,
+    LoadedPart, LoadedProjection, Sheen, Transmission,
 };
 use crate::mesh::reading::Notes;
 
@@ -165,6 +165,9 @@ impl Writer {
         let mut extensions = json!({});
         self.emission(material, &mut out, &mut extensions)?;
         self.surface(material, &mut extensions);
+        if let (Some(transmission), None) = (&material.transmission, material.clear) {
+            extensions[self.uses("KHR_materials_transmission")] = self.transmission(transmission)?;
+        }
         if let (Some(sheen), None) = (&material.sheen, material.clear) {
             extensions[self.uses("KHR_materials_sheen")] = self.sheen(sheen, material)?;
         }
@@ -250,6 +253,16 @@ impl Writer {
                 }
                 extensions[self.uses("KHR_materials_volume")] = volume;
             }
+        } else if let Some(Transmission { ior, .. }) = material.transmission {
+            // What the surface reflects is a share of what its index says.
+            let whole = ((ior - 1.0) / (ior + 1.0)).powi(2) / 0.04;
+            let share = if whole > 0.0 { (material.specular / whole).min(1.0) } else { 1.0 };
+            if ior != 1.5 {
+                extensions[self.uses("KHR_materials_ior")] = json!({ "ior": ior });
+            }
+            if share < 1.0 {
+                extensions[self.uses("KHR_materials_specular")] = json!({ "specularFactor": share });
+            }
         } else if material.specular >= 0.5 && material.specular != 1.0 {
             // An index of refraction changes what is reflected head-on, and nothing at the horizon: so does `specular` from 0.25 on, which is 0.5 here.
             let root = (0.04 * material.specular).min(0.99).sqrt();
@@ -257,6 +270,15 @@ impl Writer {
         } else if material.specular < 0.5 {
             extensions[self.uses("KHR_materials_specular")] = json!({ "specularFactor": material.specular });
         }
+    }
+
+    /// How much light passes: the image is the red channel.
+    fn transmission(&mut self, transmission: &Transmission) -> Result<Value, ImageError> {
+        let mut out = json!({ "transmissionFactor": transmission.share });
+        if let Some(share) = &transmission.share_image {
+            out["transmissionTexture"] = json!({ "index": self.texture(share, Encoding::Linear)? });
+        }
+        Ok(out)
     }
 
     /// The sheen: its images are the colours and the alpha channel of one.

@@ -80,11 +80,11 @@ impl<U: Lit> Coated<U> {
 }
 
 impl<U: Lit> Lit for Coated<U> {
-    fn lobes(&self) -> &Lobes {
+    fn lobes(&self) -> Option<&Lobes> {
         self.under.lobes()
     }
 
-    fn lobes_mut(&mut self) -> &mut Lobes {
+    fn lobes_mut(&mut self) -> Option<&mut Lobes> {
         self.under.lobes_mut()
     }
 

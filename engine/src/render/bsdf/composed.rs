@@ -60,8 +60,8 @@ impl Bsdf {
     #[inline]
     pub fn has_grain(&self) -> bool {
         match self {
-            Bsdf::Layer(layer) => layer.lobes().has_grain(),
-            Bsdf::Blended(blended) => blended.layers.iter().any(|layer| layer.lobes().has_grain()),
+            Bsdf::Layer(layer) => layer.lobes().is_some_and(Lobes::has_grain),
+            Bsdf::Blended(blended) => blended.layers.iter().any(|layer| layer.lobes().is_some_and(Lobes::has_grain)),
             _ => false,
         }
     }
@@ -73,7 +73,7 @@ impl Bsdf {
             Bsdf::Blended(blended) => &mut blended.layers[..],
             _ => &mut [],
         };
-        for grain in layers.iter_mut().filter_map(|layer| layer.lobes_mut().grain_mut()) {
+        for grain in layers.iter_mut().filter_map(|layer| layer.lobes_mut()?.grain_mut()) {
             *grain = make(*grain);
         }
         self
@@ -89,11 +89,12 @@ impl Bsdf {
         self.with_grains(|grain| grain.in_frame(frame))
     }
 
-    /// Its lobes on the side of `wi`; `None` of what scatters no light, or in single directions.
+    /// Its lobes, as those of a part of a blend; `None` of what scatters no light, or in single directions, and of a body of rough glass.
     fn layer(self) -> Option<Layer> {
         match self {
             Bsdf::Diffuse { reflectance } => Some(Layer::Bare(Lobes::Matte(Matte { reflectance }))),
             Bsdf::Layer(layer) => Some(layer),
+            Bsdf::RoughPane(pane) => Some(Layer::Pane(pane)),
             _ => None,
         }
     }

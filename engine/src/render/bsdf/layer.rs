@@ -1,4 +1,4 @@
-//! A model, bare or under a sheen, a clear coat or both.
+//! A model, bare or under a sheen, a clear coat or both; or, in a blend, a rough pane.
 
 use glam::Vec3;
 
@@ -6,6 +6,7 @@ use super::angles::Angles;
 use super::coated::Coated;
 use super::lit::Lit;
 use super::lobes::{Chosen, Lobes};
+use super::rough_pane::RoughPane;
 use super::sheened::Sheened;
 use super::{ATTACHED_ALPHA, BsdfAdjoint, Part};
 use crate::render::material::MAX_INPUTS;
@@ -17,6 +18,8 @@ pub enum Layer {
     Sheened(Sheened),
     Coated(Coated<Lobes>),
     CoatedSheen(Coated<Sheened>),
+    /// In a blend only; by itself it is [`Bsdf::RoughPane`](super::Bsdf::RoughPane).
+    Pane(RoughPane),
 }
 
 /// Evaluates an expression in what a layer is, which is [`Lit`].
@@ -27,6 +30,7 @@ macro_rules! with_lit {
             Layer::Sheened($lit) => $value,
             Layer::Coated($lit) => $value,
             Layer::CoatedSheen($lit) => $value,
+            Layer::Pane($lit) => $value,
         }
     };
 }
@@ -35,22 +39,32 @@ impl Layer {
     /// Whether anything lies over the model.
     #[inline]
     pub fn is_covered(&self) -> bool {
-        !matches!(self, Layer::Bare(_))
+        !matches!(self, Layer::Bare(_) | Layer::Pane(_))
+    }
+
+    /// The pane, if it is one, which lets light through.
+    #[inline]
+    pub fn pane(&self) -> Option<&RoughPane> {
+        match self {
+            Layer::Pane(pane) => Some(pane),
+            _ => None,
+        }
     }
 
     /// The width α of the coat's lobe, if there is a coat.
     fn coat_alpha(&self) -> Option<f32> {
         match self {
-            Layer::Bare(_) | Layer::Sheened(_) => None,
+            Layer::Bare(_) | Layer::Sheened(_) | Layer::Pane(_) => None,
             Layer::Coated(coated) => Some(coated.coat_alpha()),
             Layer::CoatedSheen(coated) => Some(coated.coat_alpha()),
         }
     }
 
     fn narrow_lobes(&self) -> [bool; 2] {
-        let lobes = self.lobes();
         let coat = self.coat_alpha().is_some_and(|alpha| alpha < ATTACHED_ALPHA);
-        [lobes.has_lobe() && lobes.alpha() < ATTACHED_ALPHA, coat]
+        // The facets of a pane are attached at every roughness.
+        let lobe = self.lobes().is_none_or(|lobes| lobes.has_lobe() && lobes.alpha() < ATTACHED_ALPHA);
+        [lobe, coat]
     }
 
     /// Whether a lobe is so narrow that it is attached ([`Bsdf::is_attached`](super::Bsdf::is_attached)).
@@ -72,26 +86,27 @@ impl Layer {
     pub fn is_specular(&self, any_narrow: bool) -> bool {
         let rest = self.chosen(Part::Diffuse, any_narrow);
         let has_sheen = matches!(self, Layer::Sheened(_) | Layer::CoatedSheen(_));
-        !(self.lobes().has_base() || rest.lobe || has_sheen || rest.coat && self.coat_alpha().is_some())
+        let has_base = self.lobes().is_some_and(Lobes::has_base);
+        !(has_base || rest.lobe || has_sheen || rest.coat && self.coat_alpha().is_some())
     }
 
-    /// What the albedo channel shows: the model without what lies over it.
+    /// What the albedo channel shows: the model without what lies over it, and white for a pane.
     pub fn albedo(&self) -> Vec3 {
-        self.lobes().albedo()
+        self.lobes().map_or(Vec3::ONE, Lobes::albedo)
     }
 
     /// Adjoint of [`Layer::albedo`], by input.
     pub fn d_albedo(&self, d_albedo: Vec3) -> [Vec3; MAX_INPUTS] {
-        self.lobes().d_albedo(d_albedo)
+        self.lobes().map_or([Vec3::ZERO; MAX_INPUTS], |lobes| lobes.d_albedo(d_albedo))
     }
 }
 
 impl Lit for Layer {
-    fn lobes(&self) -> &Lobes {
+    fn lobes(&self) -> Option<&Lobes> {
         with_lit!(self, lit => lit.lobes())
     }
 
-    fn lobes_mut(&mut self) -> &mut Lobes {
+    fn lobes_mut(&mut self) -> Option<&mut Lobes> {
         with_lit!(self, lit => lit.lobes_mut())
     }
 
@@ -100,7 +115,7 @@ impl Lit for Layer {
     }
 
     fn eval_and_pdf(&self, angles: &Angles) -> (Vec3, f32) {
-        with_lit!(self, lit => lit.eval_and_pdf(angles))
+        with_lit!(self, lit => Lit::eval_and_pdf(lit, angles))
     }
 
     fn eval_chosen(&self, chosen: Chosen, angles: &Angles) -> Vec3 {

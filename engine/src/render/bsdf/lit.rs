@@ -6,12 +6,12 @@ use super::BsdfAdjoint;
 use super::angles::Angles;
 use super::lobes::{Chosen, Lobes};
 
-/// What reflects light by several lobes on one side of the surface: a model, and what lies over one.
+/// What reflects light by several lobes on one side of the surface: a model, and what lies over one. (Of a pane it is what does not pass.)
 pub trait Lit {
-    /// The model, without what lies over it.
-    fn lobes(&self) -> &Lobes;
+    /// The model, without what lies over it; a pane has none.
+    fn lobes(&self) -> Option<&Lobes>;
 
-    fn lobes_mut(&mut self) -> &mut Lobes;
+    fn lobes_mut(&mut self) -> Option<&mut Lobes>;
 
     fn eval(&self, angles: &Angles) -> Vec3;
 
@@ -38,12 +38,12 @@ pub trait Lit {
 }
 
 impl Lit for Lobes {
-    fn lobes(&self) -> &Lobes {
-        self
+    fn lobes(&self) -> Option<&Lobes> {
+        Some(self)
     }
 
-    fn lobes_mut(&mut self) -> &mut Lobes {
-        self
+    fn lobes_mut(&mut self) -> Option<&mut Lobes> {
+        Some(self)
     }
 
     fn eval(&self, angles: &Angles) -> Vec3 {

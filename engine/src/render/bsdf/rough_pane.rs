@@ -16,7 +16,8 @@ use glam::Vec3;
 
 use super::angles::{Angles, DirectionsAdjoint};
 use super::dielectric::Dielectric;
-use super::lobes::share;
+use super::lit::Lit;
+use super::lobes::{Chosen, Lobes, share};
 use super::microfacet::{Ggx, Microfacets};
 use super::{BsdfAdjoint, BsdfSample, Lobe, reflect};
 use crate::math::luminance;
@@ -57,14 +58,18 @@ impl RoughPane {
         [Vec3::splat(reflected), self.smooth.tint * (1.0 - reflected)]
     }
 
+    /// Whether light from `wi` passes the facet with the unit normal `h`, by the random number `u`.
+    pub fn passes(&self, wi: Vec3, h: Vec3, u: f32) -> bool {
+        let [reflected, through] = self.shares(wi.dot(h).clamp(5e-7, 1.0));
+        u >= share(reflected.x, luminance(through.abs()))
+    }
+
     /// A direction for `wi` in the frame of the normal, which is in front.
     pub fn sample(&self, wi: Vec3, u: [f32; 3]) -> Option<BsdfSample> {
         let h = self.facets().sample(wi, [u[0], u[1]]);
         let front = reflect(wi, h)?;
-        let angles = Angles::mirrored(wi, h, front);
-        let [reflected, through] = self.shares(angles.half);
-        let passes = u[2] >= share(reflected.x, luminance(through.abs()));
-        let (f, pdf) = self.lobe(&angles, passes);
+        let passes = self.passes(wi, h, u[2]);
+        let (f, pdf) = self.lobe(&Angles::mirrored(wi, h, front), passes);
         let (wo, lobe) = if passes { (front.with_z(-front.z), Lobe::GLOSSY_REFRACTED) } else { (front, Lobe::GLOSSY) };
         (pdf > 0.0 && pdf.is_finite()).then_some(BsdfSample { wo, f, pdf, lobe, eta: 1.0 })
     }
@@ -91,6 +96,51 @@ impl RoughPane {
         }
         out.d_values[2].x = d_lobe * lobe.d_roughness;
         out
+    }
+}
+
+/// What it reflects, as a part of a blend. Its facets are its only lobe, [`Chosen::lobe`].
+impl Lit for RoughPane {
+    fn lobes(&self) -> Option<&Lobes> {
+        None
+    }
+
+    fn lobes_mut(&mut self) -> Option<&mut Lobes> {
+        None
+    }
+
+    fn eval(&self, angles: &Angles) -> Vec3 {
+        self.lobe(angles, false).0
+    }
+
+    fn eval_and_pdf(&self, angles: &Angles) -> (Vec3, f32) {
+        self.lobe(angles, false)
+    }
+
+    fn eval_chosen(&self, chosen: Chosen, angles: &Angles) -> Vec3 {
+        if chosen.lobe { Lit::eval(self, angles) } else { Vec3::ZERO }
+    }
+
+    /// On either side.
+    fn d_eval_chosen(&self, chosen: Chosen, n: Vec3, wi: Vec3, wo: Vec3, d_f: Vec3, half_fixed: bool) -> BsdfAdjoint {
+        if chosen.lobe { self.d_eval(n, wi, wo, d_f, half_fixed) } else { BsdfAdjoint::default() }
+    }
+
+    fn sample_facet(&self, wi: Vec3, square: [f32; 2], _u: f32) -> Option<Vec3> {
+        Some(self.facets().sample(wi, square))
+    }
+
+    fn pdf(&self, angles: &Angles) -> f32 {
+        self.lobe(angles, false).1
+    }
+
+    fn alpha(&self) -> f32 {
+        RoughPane::alpha(self)
+    }
+
+    fn lobe_albedos(&self, ci: f32) -> [f32; 2] {
+        let [reflected, through] = self.shares(ci);
+        [0.0, reflected.x + luminance(through.abs())]
     }
 }
 

@@ -63,12 +63,12 @@ impl Sheened {
 }
 
 impl Lit for Sheened {
-    fn lobes(&self) -> &Lobes {
-        &self.under
+    fn lobes(&self) -> Option<&Lobes> {
+        Some(&self.under)
     }
 
-    fn lobes_mut(&mut self) -> &mut Lobes {
-        &mut self.under
+    fn lobes_mut(&mut self) -> Option<&mut Lobes> {
+        Some(&mut self.under)
     }
 
     fn eval(&self, angles: &Angles) -> Vec3 {

@@ -76,7 +76,7 @@ pub(super) fn sample_direction(
             let (prim, p) = bounce.scene.surface_point(which / area_sampling_fraction, [u.x, u.y]);
             let dir = (p - si.p).normalize_or_zero();
             let (f, pdf) = si.eval_and_pdf(dir);
-            let passes = si.bsdf.is_rough_dielectric() && si.side(dir) < 0.0;
+            let passes = si.bsdf.has_both_sides() && si.side(dir) < 0.0;
             let (lobe, eta) = if passes { (Lobe::GLOSSY_REFRACTED, si.bsdf.eta()) } else { (Lobe::DIFFUSE, 1.0) };
             return Some(DirectionSample { sample: BsdfSample { wo: dir, f, pdf, lobe, eta }, target: Some(prim) });
         }

@@ -550,7 +550,7 @@ impl<const N: usize> Paths<N> {
             let (mut body, mut attenuation) = (None, Vec3::ONE);
             if scene.absorbs() {
                 let mut inside = inside[k];
-                if !matte[k] && si[k].bsdf.is_rough_dielectric() && si[k].side(shadows.dir.get(k)) < 0.0 {
+                if !matte[k] && si[k].bsdf.has_both_sides() && si[k].side(shadows.dir.get(k)) < 0.0 {
                     scene.pass(&mut inside, &si[k]);
                 }
                 body = inside.body();

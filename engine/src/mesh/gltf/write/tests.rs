@@ -76,6 +76,11 @@ fn compare(read: &LoadedMaterial, written: &LoadedMaterial) {
         (read.specular - written.specular).abs() < 1e-4 * written.specular.max(1.0) || read.clear.is_some(),
         "{name}"
     );
+    let [a, b] = [read, written].map(|m| m.transmission.as_ref());
+    let of_share = |transmission: Option<&Transmission>| transmission.map(Transmission::share_texels);
+    optional(&of_share(a), &of_share(b), "transmission");
+    let ior = |transmission: Option<&Transmission>| transmission.map_or(0.0, |transmission| transmission.ior);
+    assert!((ior(a) - ior(b)).abs() < 1e-5, "{name}: {a:?} {b:?}");
     let absorbed = |m: &LoadedMaterial| match m.clear {
         Some(Clear::Body { absorption, .. }) => absorption,
         _ => Vec3::ZERO,
@@ -141,6 +146,18 @@ fn materials_are_read_as_they_were_written() {
         LoadedMaterial { coat: Some(coat(0.8, Some(grey(3)), 0.1, None)), ..named("worn") },
         LoadedMaterial { coat: Some(coat(1.0, Some(grey(3)), 0.5, Some(fine))), ..named("worn and rough") },
         LoadedMaterial { grain: Some(grain(None)), metallic: 1.0, ..named("brushed") },
+        LoadedMaterial {
+            transmission: Some(Transmission { share: 0.4, share_image: None, ior: 1.5 }),
+            roughness: 0.3,
+            ..named("leaf")
+        },
+        LoadedMaterial {
+            transmission: Some(Transmission { share: 0.9, share_image: Some(grey(3)), ior: 1.33 }),
+            base_color_image: Some(colors.clone()),
+            specular: 0.4,
+            metallic: 0.2,
+            ..named("lace")
+        },
         LoadedMaterial {
             sheen: Some(Sheen {
                 color: vec3(0.9, 0.5, 0.2),
