@@ -342,7 +342,7 @@ impl Checker<'_> {
 }
 
 /// An error if nothing that a run does depends on a declaration which the command line sweeps over.
-pub fn unused(program: &Program, name: &str) -> Option<Diagnostic> {
+pub fn unused(program: &hir::Program, name: &str) -> Option<Diagnostic> {
     let id = program.find(name).filter(|id| !flow::used_by_actions(program).contains(id))?;
     let message = format!("nothing that a run does depends on `{name}`");
     Some(

@@ -182,7 +182,7 @@ fn check_values(args: &SweepArgs, axes: &[Axis], terminal: &mut Terminal) -> Opt
         for value in axis.values.iter().take(CHECKED).skip(usize::from(i > 0)) {
             let mut set = set.clone();
             set[i].value.clone_from(value);
-            let check::Checked { program, diagnostics, sources } =
+            let check::Checked { program, diagnostics, sources, .. } =
                 check_file(&args.run.file, &Common { set, ..args.run.common.clone() });
             let errors: Vec<&Diagnostic> = diagnostics.iter().filter(|d| d.is_error()).collect();
             if !errors.is_empty() {
