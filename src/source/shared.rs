@@ -318,7 +318,7 @@ mod tests {
         let of = |step: u32, n: u32| (0..n).step_by(step as usize).collect::<SharedSet>();
         for (n, m) in [(0, 0), (0, 5), (1, 2000), (2000, 2000), (3000, 600)] {
             let (evens, threes) = (of(2, n), of(3, m));
-            let wanted = |number: u32| number < n && number % 2 == 0 || number < m && number % 3 == 0;
+            let wanted = |number: u32| number < n && number.is_multiple_of(2) || number < m && number.is_multiple_of(3);
             for both in [evens.union(&threes), threes.union(&evens)] {
                 assert!(both.iter().eq((0..3000).filter(|number| wanted(*number))), "{n} {m}");
                 assert!((0..3000).all(|number| both.contains(number) == wanted(number)));
@@ -326,8 +326,11 @@ mod tests {
                 assert!(Arc::ptr_eq(&both.union(&evens).0, &both.0) && Arc::ptr_eq(&evens.union(&both).0, &both.0));
             }
             assert_eq!(evens.is_within(&threes), n < 3);
-            assert!(evens.intersection(&threes).iter().eq((0..n.min(m)).filter(|number| number % 6 == 0)));
-            assert_eq!((evens.is_empty(), threes.iter().next_back()), (n == 0, (0..m).rev().find(|i| i % 3 == 0)));
+            assert!(evens.intersection(&threes).iter().eq((0..n.min(m)).filter(|number| number.is_multiple_of(6))));
+            assert_eq!(
+                (evens.is_empty(), threes.iter().next_back()),
+                (n == 0, (0..m).rev().find(|i| i.is_multiple_of(3)))
+            );
         }
     }
 }
