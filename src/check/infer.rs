@@ -52,7 +52,9 @@ impl Checker<'_> {
         if typed.expr.ty.is_deeper_than(MOST_NESTED) {
             typed.expr.ty = Ty::Any;
         }
-        typed.value = typed.value.filter(|value| !value.is_deeper_than(MOST_NESTED));
+        if typed.value.as_ref().is_some_and(|value| value.is_deeper_than(MOST_NESTED)) {
+            typed.value = None;
+        }
         if let Some(types) = &mut self.types
             && self.modules[self.module].user
         {
