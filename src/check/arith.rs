@@ -139,7 +139,7 @@ impl Checker<'_> {
     }
 }
 
-fn sign(op: BinaryOp) -> &'static str {
+pub fn sign(op: BinaryOp) -> &'static str {
     match op {
         BinaryOp::Add => "+",
         BinaryOp::Sub => "-",

@@ -1,5 +1,6 @@
 //! Operands that do not go together: what to write instead.
 
+use super::arith::sign;
 use super::arith::{broadcast, image_sizes};
 use super::hir::{BinaryOp, ExprKind};
 use super::infer::Typed;
@@ -62,8 +63,13 @@ impl Checker<'_> {
         }
         let text = self.sources.text(number.expr.span);
         if text.ends_with('%') {
-            let angle = if std::ptr::eq(number, left) { right } else { left };
-            return Some(format!("a share is one of something: `{text} of {}`", self.short(angle, "angle")));
+            let [l, r] = [left, right].map(|side| self.short(side, "angle"));
+            let (l, r) = if std::ptr::eq(number, left) {
+                (format!("{l} of {r}"), r)
+            } else {
+                (l.clone(), format!("{r} of {l}"))
+            };
+            return Some(format!("a share is one of something: `{l} {} {r}`", sign(op)));
         }
         Some(match number.expr.kind {
             ExprKind::Number(_) => format!("give it a unit: `{text}deg` or `{text}rad`"),

@@ -139,8 +139,10 @@ impl Checker<'_> {
     fn run_with(&mut self, sweep: &ast::Sweep, change: Change) -> Vec<Diagnostic> {
         let (actions, thens, has_optimized) = (self.actions.len(), self.thens, self.has_optimized);
         let (_, found) = self.trial(|checker| {
+            let trial = checker.trial;
             let slot = checker.slot_mut(change.decl);
-            (slot.hir.ty, slot.value, slot.state) = (change.ty, change.value, State::Done);
+            (slot.hir.ty, slot.value) = (change.ty, change.value);
+            (slot.state, slot.trial) = (State::Done, trial);
             checker.integrator = None;
             checker.has_optimized = false;
             for action in &sweep.actions {

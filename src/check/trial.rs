@@ -87,8 +87,6 @@ impl Checker<'_> {
     /// Infers something with all that it needs of the user's declarations, as if for the first time; afterwards all is as before. Gives what
     /// was reported meanwhile too. It costs what it infers: of what it does not need nothing is touched.
     pub fn trial<T>(&mut self, infer: impl FnOnce(&mut Self) -> T) -> (T, Vec<Diagnostic>) {
-        // Each declaration is touched once.
-        self.spend(self.slots.len());
         let (slots, specialised) = (self.slots.clone(), self.specialised.clone());
         let (scene, integrator) = (self.default_scene.clone(), self.integrator);
         let outer = std::mem::take(&mut self.diagnostics);

@@ -108,8 +108,7 @@ impl Optimization {
     pub fn unfelt(&self, engine: &mut Engine) -> Option<Diagnostic> {
         let unfelt = self.memory.felt.iter().filter(|(_, felt)| !**felt);
         let names: Vec<String> = unfelt.map(|(name, _)| format!("`{name}`")).collect();
-        // Where the loss is 0 all along there was nothing to do.
-        if names.is_empty() || self.done() == 0 || self.losses() == Some((0.0, 0.0)) {
+        if names.is_empty() || self.done() == 0 {
             return None;
         }
         let (steps, name) = (self.done(), self.name());
@@ -119,6 +118,10 @@ impl Optimization {
         let edges = engine.edges(&self.loss(), &targets);
         let is_unfelt = |target: &Target| self.memory.felt.get(&engine.target_name(target)) == Some(&false);
         let edge = targets.iter().zip(edges).find_map(|(target, edge)| edge.filter(|_| is_unfelt(target)));
+        // Where the loss is 0 all along there was nothing to do, if it could have been felt.
+        if edge.is_none() && self.losses() == Some((0.0, 0.0)) {
+            return None;
+        }
         let told = Diagnostic::warning("dscene::gradient::zero", message).label(self.loss().span, "does not feel it");
         Some(match edge {
             Some(edge) => told.help(format!(

@@ -80,7 +80,7 @@ pub fn checker(text: &str) {
 const LONG_ENOUGH: Duration = Duration::from_millis(200);
 
 /// Everything that a checked program declares has a value of its type, or an error that is none of types; evaluation ends soon after it is asked
-/// to. Renderings are of a hundredth of their films' width and height, with one sample a pixel. Whether there was a program.
+/// to. Renderings have one sample a pixel. Whether there was a program.
 pub fn evaluator(text: &str) -> bool {
     let checked = check_text("fuzzed.dscene", None, text, &[], &Nothing);
     let (Some(program), sources) = (checked.program, checked.sources) else { return false };
@@ -88,7 +88,7 @@ pub fn evaluator(text: &str) -> bool {
     let options =
         EngineOptions { base_dir: "/nowhere".into(), interrupt: Some(interrupt.clone()), ..EngineOptions::default() };
     let mut engine = Engine::new(program, options);
-    let overrides = RenderOverrides { spp: Some(1), film_scale: Some(0.01), ..RenderOverrides::default() };
+    let overrides = RenderOverrides { spp: Some(1), ..RenderOverrides::default() };
     engine.set_render_overrides(overrides);
     // Asked to end after a while, unless that was told before to be over.
     let (over, wait) = mpsc::channel::<()>();

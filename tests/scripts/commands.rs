@@ -251,7 +251,8 @@ fn the_library_is_documented_in_the_terminal() {
     assert!(text.lines().all(|line| line.chars().count() <= 100), "{text}");
     let blur = stdout(&place.dsl(&["doc", "blur"]));
     let expected = "fn blur(image: image, sigma: scalar in 0..10000): image\n\n\
-                    Smoothed by a Gaussian of standard deviation `sigma` pixels.\n\n  blur(img, sigma: 1.5)\n\n";
+                    Smoothed by a Gaussian of standard deviation `sigma` pixels. `sigma` has a derivative as well, so\n\
+         that the blur of a photograph can be found; at 0 it is 0: start above.\n\n  blur(img, sigma: 1.5)\n\n";
     assert_eq!(blur, expected);
     // A function and a module.
     assert_eq!(stdout(&place.dsl(&["doc", "image"])).matches("fn ").count(), 1);

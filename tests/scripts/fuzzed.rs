@@ -105,11 +105,15 @@ fn altered(text: &str, dice: &mut Dice) -> String {
     const SIGNS: [&str; 12] = ["+", "-", "*", "/", "^", "%", "@", "<", ">=", "==", "!=", "|>"];
     let mut text = text.to_owned();
     for _ in 0..1 + dice.below(3) {
-        let found = tokens(&text);
+        let mut found = tokens(&text);
+        // Mostly a number for another: what a name stands for has a type.
+        if dice.below(4) > 0 {
+            found.retain(|(from, _)| text.as_bytes()[*from].is_ascii_digit());
+        }
         let Some(&(from, to)) = found.get(dice.below(found.len())) else { continue };
         let old = &text[from..to];
         let new = match old.bytes().next() {
-            Some(b'0'..=b'9') => NUMBERS[dice.below(NUMBERS.len())].to_owned(),
+            Some(b'0'..=b'9') => NUMBERS[dice.below(if dice.below(4) > 0 { 8 } else { NUMBERS.len() })].to_owned(),
             Some(b'a'..=b'z' | b'A'..=b'Z' | b'_') => {
                 let (from, to) = found[dice.below(found.len())];
                 text[from..to].to_owned()

@@ -200,7 +200,7 @@ const DERIVATIVES: &[(&str, &str, &str)] = &[
     ("blur", "blur(image(im), sigma: s)", "s"),
     ("blur", "blur(image(im) * s, sigma: s)", "s"),
     ("ssim_luminance", "ssim_luminance(image(im), photo, sigma: s)", "s"),
-    ("percentile", "percentile(v, 20 * s)", "s"),
+    ("percentile", "percentile(v, 60 * s)", "s"),
     ("percentile", "percentile(n, percent: 50 * t, axis: 0)", "t"),
     ("uniform", "uniform([5], low: s, high: 3, seed: 2)", "s"),
     ("uniform", "uniform([5], low: s, high: t, seed: 2)", "t"),
