@@ -113,7 +113,11 @@ fn altered(text: &str, dice: &mut Dice) -> String {
         let Some(&(from, to)) = found.get(dice.below(found.len())) else { continue };
         let old = &text[from..to];
         let new = match old.bytes().next() {
-            Some(b'0'..=b'9') => NUMBERS[dice.below(if dice.below(4) > 0 { 8 } else { NUMBERS.len() })].to_owned(),
+            Some(b'0'..=b'9') => {
+                // Rarely something else than a number.
+                let among = if dice.below(4) > 0 { 8 } else { NUMBERS.len() };
+                NUMBERS[dice.below(among)].to_owned()
+            }
             Some(b'a'..=b'z' | b'A'..=b'Z' | b'_') => {
                 let (from, to) = found[dice.below(found.len())];
                 text[from..to].to_owned()
