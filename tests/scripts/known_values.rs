@@ -97,8 +97,6 @@ fn what_a_with_gives_is_checked_as_if_it_were_declared() {
         ("far with { k: 3 }", "dscene::type::index"),
         ("[1, 2][ks[0]] with { ks[0]: 2 }", "dscene::type::index"),
         ("[1, 2, 3][ks[1]] with { ks: [0, 3] }", "dscene::type::index"),
-        ("p with { p: 3 }", "dscene::type::bounds"),
-        ("a with { a: 91deg }", "dscene::type::bounds"),
         ("shot with { ball.material.reflectance: k }", "dscene::value::range"),
         ("shot with { ball.mesh: icosphere(radius: -k) }", "dscene::value::range"),
         ("([i for i in 0..n] with { n: 2 })[2]", "dscene::type::index"),
@@ -158,7 +156,6 @@ fn a_with_of_a_line_is_checked_as_in_a_file() {
         ("shot with { ball.material.reflectance: 2deg }", "dscene::type::mismatch"),
         ("shot with { lamp.radiance: -1 }", "dscene::value::range"),
         ("shot with { eye.look_at: [0, 1, -4] }", "dscene::value::look_at"),
-        ("p with { p: 3 }", "dscene::type::bounds"),
         ("far with { k: 3 }", "dscene::type::index"),
         ("let y = far with { k: 3 }", "dscene::type::index"),
     ] {

@@ -249,6 +249,10 @@ pub fn looped(text: &str) -> Option<String> {
     let shown = body.strip_prefix("print").filter(|shown| !shown.contains(['\n', ','])).map(str::trim);
     let shown = shown.map(|shown| shown.strip_prefix('(').and_then(|s| s.strip_suffix(')')).unwrap_or(shown));
     let is_plain = !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || "_, ".contains(c));
+    if is_plain && ["optimize", "save"].iter().any(|action| body.starts_with(action)) {
+        let typed = format!("sweep {name} in {items} {{ {body} }}");
+        return Some(format!("there are no loops: runs with several values are a sweep: `{typed}`"));
+    }
     let typed = match shown.filter(|shown| !shown.is_empty()) {
         Some(shown) => format!("print [{shown} for {name} in {items}]"),
         None => format!("[… for {name} in {items}]"),
