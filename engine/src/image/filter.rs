@@ -415,7 +415,7 @@ mod tests {
     #[test]
     fn blurs_follow_their_sigma() {
         let x = noise(9 * 7 * 2, 3);
-        for sigma in [0.3, 1.0, 1.7, 40.0] {
+        for sigma in [0.3, 1.1, 1.7, 40.0] {
             let blurred = |sigma: f64| Separable::blur(9, 7, sigma).unwrap().apply(&x, 2);
             let h = 1e-5 * sigma;
             let (before, after) = (blurred(sigma - h), blurred(sigma + h));

@@ -260,7 +260,7 @@ impl Writer {
             if ior != 1.5 {
                 extensions[self.uses("KHR_materials_ior")] = json!({ "ior": ior });
             }
-            if share < 1.0 {
+            if share < 0.9999 {
                 extensions[self.uses("KHR_materials_specular")] = json!({ "specularFactor": share });
             }
         } else if material.specular >= 0.5 && material.specular != 1.0 {

@@ -154,7 +154,7 @@ fn materials_are_read_as_they_were_written() {
         LoadedMaterial {
             transmission: Some(Transmission { share: 0.9, share_image: Some(grey(3)), ior: 1.33 }),
             base_color_image: Some(colors.clone()),
-            specular: 0.4,
+            specular: 0.5015,
             metallic: 0.2,
             ..named("lace")
         },
