@@ -232,8 +232,11 @@ impl Checker<'_> {
                 )
             }
         };
+        // In a trial, what was checked before it would be checked again, and lose the value.
+        let trial = self.trial;
         let slot = self.slot_mut(target.decl);
-        (slot.hir.ty, slot.value, slot.state) = (ty, value, State::Done);
+        (slot.hir.ty, slot.value) = (ty, value);
+        (slot.state, slot.trial) = (State::Done, trial);
     }
 
     /// Writes a replacement into the declaration that has the field, which is to be checked again. Whether that could be done: the field is the

@@ -24,6 +24,17 @@ pub(super) struct Materials {
     images: HashMap<(usize, bool), Option<Arc<Image>>>,
 }
 
+/// A material of the file, from which its parts are read.
+#[derive(Clone, Copy)]
+struct Described<'a> {
+    material: &'a gltf::Material<'a>,
+    /// Its texture coordinates: see [`placement`].
+    at: (u32, UvTransform),
+    /// What it is called in messages.
+    whose: &'a str,
+    accessors: &'a Accessors<'a>,
+}
+
 /// Which texture coordinates a material uses and how they are moved: those of its first image.
 pub(super) fn placement(material: &gltf::Material) -> (u32, UvTransform) {
     let pbr = material.pbr_metallic_roughness();
@@ -59,11 +70,12 @@ impl Materials {
         let base_color = image(pbr.base_color_texture(), Encoding::Srgb);
         let metallic_roughness = image(pbr.metallic_roughness_texture(), Encoding::Linear);
         let emissive_map = image(material.emissive_texture(), Encoding::Srgb);
-        let normals = self.normals(material, at, &name, accessors, reading);
-        let coat = self.coat(material, at, &name, accessors, reading);
-        let sheen = self.sheen(material, at, &name, accessors, reading);
-        let grain = self.grain(material, at, &name, accessors, reading);
-        let transmission = self.transmission(material, at, &name, accessors, reading);
+        let of = Described { material, at, whose: &name, accessors };
+        let normals = self.normals(of, reading);
+        let coat = self.coat(of, reading);
+        let sheen = self.sheen(of, reading);
+        let grain = self.grain(of, reading);
+        let transmission = self.transmission(of, reading);
         let [r, g, b, alpha] = reading.within(pbr.base_color_factor(), 0.0..=1.0, "baseColorFactor", &name);
         let mut unit = |x: f32, what: &str| reading.within([x], 0.0..=1.0, what, &name)[0];
         let (metallic, roughness) =
@@ -131,14 +143,8 @@ impl Materials {
     }
 
     /// The normal map, with its scale.
-    fn normals(
-        &mut self,
-        material: &gltf::Material,
-        at: (u32, UvTransform),
-        whose: &str,
-        accessors: &Accessors,
-        reading: &mut Reading,
-    ) -> Option<LoadedImage> {
+    fn normals(&mut self, of: Described, reading: &mut Reading) -> Option<LoadedImage> {
+        let Described { material, at, whose, accessors } = of;
         let map = material.normal_texture()?;
         let transform = map.extensions().and_then(|all| all.get("KHR_texture_transform"));
         tell_of_placement(Some(map.tex_coord().into()), transform, at, whose, reading);
@@ -147,15 +153,9 @@ impl Materials {
     }
 
     /// The clear coat, with its images: the red channel of one, the green one of the other.
-    fn coat(
-        &mut self,
-        material: &gltf::Material,
-        at: (u32, UvTransform),
-        whose: &str,
-        accessors: &Accessors,
-        reading: &mut Reading,
-    ) -> Option<Coat> {
-        let written = material.extension_value(CLEARCOAT)?;
+    fn coat(&mut self, of: Described, reading: &mut Reading) -> Option<Coat> {
+        let whose = of.whose;
+        let written = of.material.extension_value(CLEARCOAT)?;
         let mut number = |name: &str| unit(&written[name], name, whose, reading);
         let (weight, roughness) = (number("clearcoatFactor"), number("clearcoatRoughnessFactor"));
         if weight == 0.0 {
@@ -167,7 +167,7 @@ impl Materials {
             reading.notes.about(sentence, whose);
         }
         let mut image = |name: &str, channel: usize| {
-            let image = self.extension_image(written.get(name)?, Encoding::Linear, at, whose, accessors, reading)?;
+            let image = self.extension_image(written.get(name)?, Encoding::Linear, of, reading)?;
             Some(image.channels(channel, 1))
         };
         let weight_image = image("clearcoatTexture", 0);
@@ -176,22 +176,16 @@ impl Materials {
     }
 
     /// The anisotropy, with the image of its strength: the blue channel.
-    fn grain(
-        &mut self,
-        material: &gltf::Material,
-        at: (u32, UvTransform),
-        whose: &str,
-        accessors: &Accessors,
-        reading: &mut Reading,
-    ) -> Option<LoadedGrain> {
-        let written = material.extension_value(ANISOTROPY)?;
+    fn grain(&mut self, of: Described, reading: &mut Reading) -> Option<LoadedGrain> {
+        let whose = of.whose;
+        let written = of.material.extension_value(ANISOTROPY)?;
         let strength = unit(&written["anisotropyStrength"], "anisotropyStrength", whose, reading);
         let rotation = written["anisotropyRotation"].as_f64().map_or(0.0, |x| x as f32);
         if strength == 0.0 || !rotation.is_finite() {
             return None;
         }
         let map = written.get("anisotropyTexture");
-        let image = map.and_then(|map| self.extension_image(map, Encoding::Linear, at, whose, accessors, reading));
+        let image = map.and_then(|map| self.extension_image(map, Encoding::Linear, of, reading));
         let turned = image.as_ref().map_or(Some(0.0), |image| one_direction(&image.channels(0, 2)));
         if turned.is_none() && reading.materials() {
             let sentence = "a surface is anisotropic in one direction: those of an anisotropyTexture are left out";
@@ -203,33 +197,20 @@ impl Materials {
 
     /// The share of the light that passes a thin surface with its image, the red channel, where it is not all everywhere: then it is glass, see
     /// [`clear`]. The index is left to whoever knows it.
-    fn transmission(
-        &mut self,
-        material: &gltf::Material,
-        at: (u32, UvTransform),
-        whose: &str,
-        accessors: &Accessors,
-        reading: &mut Reading,
-    ) -> Option<Transmission> {
-        let (share, is_body) = transmission(material)?;
-        if is_body || is_glass(material) {
+    fn transmission(&mut self, of: Described, reading: &mut Reading) -> Option<Transmission> {
+        let (share, is_body) = transmission(of.material)?;
+        if is_body || is_glass(of.material) {
             return None;
         }
-        let map = material.extension_value(TRANSMISSION).and_then(|written| written.get("transmissionTexture"));
-        let image = map.and_then(|map| self.extension_image(map, Encoding::Linear, at, whose, accessors, reading));
+        let map = of.material.extension_value(TRANSMISSION).and_then(|written| written.get("transmissionTexture"));
+        let image = map.and_then(|map| self.extension_image(map, Encoding::Linear, of, reading));
         Some(Transmission { share, share_image: image.map(|image| image.channels(0, 1)), ior: 1.5 })
     }
 
     /// The sheen, where there is any, with its images: the colours of one, the alpha channel of the other.
-    fn sheen(
-        &mut self,
-        material: &gltf::Material,
-        at: (u32, UvTransform),
-        whose: &str,
-        accessors: &Accessors,
-        reading: &mut Reading,
-    ) -> Option<Sheen> {
-        let written = material.extension_value(SHEEN)?;
+    fn sheen(&mut self, of: Described, reading: &mut Reading) -> Option<Sheen> {
+        let whose = of.whose;
+        let written = of.material.extension_value(SHEEN)?;
         let number = |value: &Value| value.as_f64().map_or(0.0, |x| x as f32);
         let color = [0, 1, 2].map(|i| number(&written["sheenColorFactor"][i]));
         let color = Vec3::from(reading.within(color, 0.0..=1.0, "sheenColorFactor", whose));
@@ -237,8 +218,7 @@ impl Materials {
         if color == Vec3::ZERO {
             return None;
         }
-        let mut image =
-            |name: &str, encoding| self.extension_image(written.get(name)?, encoding, at, whose, accessors, reading);
+        let mut image = |name: &str, encoding| self.extension_image(written.get(name)?, encoding, of, reading);
         let color_image = image("sheenColorTexture", Encoding::Srgb).map(|image| image.channels(0, 3));
         let roughness_image = image("sheenRoughnessTexture", Encoding::Linear).and_then(|image| image.alpha());
         Some(Sheen { color, color_image, roughness, roughness_image })
@@ -249,11 +229,10 @@ impl Materials {
         &mut self,
         map: &Value,
         encoding: Encoding,
-        at: (u32, UvTransform),
-        whose: &str,
-        accessors: &Accessors,
+        of: Described,
         reading: &mut Reading,
     ) -> Option<LoadedImage> {
+        let Described { at, whose, accessors, .. } = of;
         let texture = accessors.document.textures().nth(usize::try_from(map["index"].as_u64()?).ok()?)?;
         let transform = map.get("extensions").and_then(|all| all.get("KHR_texture_transform"));
         tell_of_placement(map["texCoord"].as_u64(), transform, at, whose, reading);

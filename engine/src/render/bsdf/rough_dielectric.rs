@@ -445,9 +445,12 @@ pub(super) mod tests {
         }
     }
 
-    /// Samples are as frequent as their density says, in 24 × 16 parts of the sphere, and no energy is made.
-    #[test]
-    fn samples_follow_the_density() {
+    /// Compares samples with a density over the sphere by chi², in 24 × 16 parts: `draw` gives the direction of one, or that there was none.
+    pub(in crate::render::bsdf) fn assert_samples_follow(
+        density: impl Fn(Vec3) -> f32,
+        mut draw: impl FnMut() -> Option<Vec3>,
+        whose: &dyn std::fmt::Debug,
+    ) {
         const ROWS: usize = 24;
         const COLUMNS: usize = 16;
         const N: usize = 60_000;
@@ -456,6 +459,19 @@ pub(super) mod tests {
             let row = ((0.5 + 0.5 * wo.z) * ROWS as f32) as usize;
             row.min(ROWS - 1) * COLUMNS + column.min(COLUMNS - 1)
         };
+        let (mut expected, mut found) = (vec![0.0; ROWS * COLUMNS + 1], vec![0.0; ROWS * COLUMNS + 1]);
+        integrate(ROWS * 12, COLUMNS * 24, |wo, area| expected[bin(wo)] += f64::from(density(wo)) * area);
+        let inside: f64 = expected.iter().sum();
+        assert!(inside < 1.002, "{whose:?}: the density integrates to {inside}");
+        expected[ROWS * COLUMNS] = (1.0 - inside).max(0.0);
+        expected.iter_mut().for_each(|e| *e *= N as f64);
+        (0..N).for_each(|_| found[draw().map_or(ROWS * COLUMNS, bin)] += 1.0);
+        assert_as_frequent(&expected, &found, whose);
+    }
+
+    /// Samples are as frequent as their density says, and no energy is made.
+    #[test]
+    fn samples_follow_the_density() {
         let mut rng = Pcg32::new(8);
         for (ior, roughness, outside) in
             [(1.5, 0.6, true), (1.5, 0.6, false), (1.33, 0.9, true), (2.4, 0.5, false), (1.1, 1.0, false)]
@@ -463,31 +479,24 @@ pub(super) mod tests {
             for cos in [0.95f32, 0.6, 0.2] {
                 let rough = RoughDielectric::new(ior, roughness).seen_from(outside);
                 let wi = Vec3::new((1.0 - cos * cos).sqrt() * 0.6, (1.0 - cos * cos).sqrt() * 0.8, cos);
-                let (mut expected, mut energy) = (vec![0.0; ROWS * COLUMNS + 1], 0.0);
-                integrate(ROWS * 12, COLUMNS * 24, |wo, area| {
-                    let (f, pdf) = rough.eval_and_pdf(Vec3::Z, wi, wo);
-                    expected[bin(wo)] += f64::from(pdf) * area;
+                let mut energy = 0.0;
+                integrate(288, 384, |wo, area| {
+                    let (f, _) = rough.eval_and_pdf(Vec3::Z, wi, wo);
                     energy += f64::from(f.x * if wo.z < 0.0 { rough.eta() * rough.eta() } else { 1.0 }) * area;
                 });
-                let inside: f64 = expected.iter().sum();
-                assert!(inside < 1.002 && energy < 1.002 && energy > 0.2, "{rough:?} at {cos}: {inside}, {energy}");
-                expected[ROWS * COLUMNS] = (1.0 - inside).max(0.0);
-                let mut found = vec![0.0; ROWS * COLUMNS + 1];
-                for _ in 0..N {
-                    let Some(s) = rough.sample(wi, rng.next_3d()) else {
-                        found[ROWS * COLUMNS] += 1.0;
-                        continue;
-                    };
-                    found[bin(s.wo)] += 1.0;
+                assert!(energy < 1.002 && energy > 0.2, "{rough:?} at {cos}: {energy}");
+                let mut draw = || {
+                    let s = rough.sample(wi, rng.next_3d())?;
                     let (f, pdf) = rough.eval_and_pdf(Vec3::Z, wi, s.wo);
                     assert!((s.pdf - pdf).abs() <= 2e-3 * pdf, "{rough:?} at {cos}: {s:?} {pdf}");
                     // Near total reflection the little that passes hangs on the rounding of the facet.
                     assert!((s.f.x - f.x).abs() <= 2e-3 * (f.x + 0.2 * pdf), "{rough:?} at {cos}: {s:?} {f}");
                     assert!(s.lobe.transmits() == (s.wo.z < 0.0) && !s.lobe.is_delta());
                     assert_eq!(s.eta, if s.lobe.transmits() { rough.eta() } else { 1.0 });
-                }
-                let expected: Vec<f64> = expected.iter().map(|e| e * N as f64).collect();
-                assert_as_frequent(&expected, &found, &(rough, cos));
+                    Some(s.wo)
+                };
+                let density = |wo| rough.eval_and_pdf(Vec3::Z, wi, wo).1;
+                assert_samples_follow(density, &mut draw, &(rough, cos));
             }
         }
     }
