@@ -222,7 +222,7 @@ fn a_run_reports_what_it_has_done() {
 fn runs_that_end_early_report_too() {
     let Some(mut browser) = Browser::wanted() else { return };
     let place = Place::new();
-    place.write("a.dscene", "param x = 1\nloss l = sqrt(sum([x]))\noptimize l { using: sgd(lr: 1.2), steps: 5 }\n");
+    place.write("a.dscene", "param x = 3\nloss l = x ^ 4\noptimize l { using: sgd(lr: 10), steps: 50 }\n");
     assert_code(&place.dsl(&["run", "a.dscene", "--out", "diverged", "--quiet"]), 1);
     place.write("b.dscene", "param x = 1\nloss l = x ^ 2\noptimize l { using: sgd(lr: 1e-7), steps: 1000000 }\n");
     let mut child = place.start(&["run", "b.dscene", "--out", "interrupted", "--quiet"]);
