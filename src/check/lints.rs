@@ -14,7 +14,7 @@ use crate::source::{SharedSet, SourceId, SourceMap, Span};
 use crate::syntax;
 
 /// Codes of the warnings that a script may allow. A name for `allow` is the last word of a code.
-pub const LINTS: [&str; 19] = [
+pub const LINTS: [&str; 20] = [
     "dscene::flow::unused_param",
     "dscene::flow::constant_loss",
     "dscene::flow::left_behind",
@@ -33,6 +33,7 @@ pub const LINTS: [&str; 19] = [
     FACING_AWAY,
     OPEN_BODY,
     INSIDE_OUT,
+    SHARED_FACE,
     MISSING_CAUSTIC,
 ];
 
@@ -48,11 +49,14 @@ pub const OPEN_BODY: &str = "dscene::lint::open_body";
 /// The lint about bodies of glass with faces that turn inwards; a run tells it too.
 pub const INSIDE_OUT: &str = "dscene::lint::inside_out";
 
+/// The lint about bodies of glass of which faces lie in one place; a run tells it too.
+pub const SHARED_FACE: &str = "dscene::lint::shared_face";
+
 /// The lint about lights whose caustics a rendering leaves out; a run tells it too.
 pub const MISSING_CAUSTIC: &str = "dscene::lint::missing_caustic";
 
 /// The lints that only a run tells: a check does not know which allowances a run needs.
-const OF_RUNS: [&str; 4] = [FACING_AWAY, OPEN_BODY, INSIDE_OUT, MISSING_CAUSTIC];
+const OF_RUNS: [&str; 5] = [FACING_AWAY, OPEN_BODY, INSIDE_OUT, SHARED_FACE, MISSING_CAUSTIC];
 
 /// Warnings about a program without errors.
 pub fn check(program: &Program, loader: &dyn Loader) -> Vec<Diagnostic> {

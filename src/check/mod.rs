@@ -70,7 +70,7 @@ pub(crate) use lines::check_given;
 pub use lines::{LINE, Line, check_expression, check_line};
 pub use lints::LINTS;
 pub(crate) use lints::{
-    FACING_AWAY, INSIDE_OUT, MISSING_CAUSTIC, NO_BOUNDARY, OPEN_BODY, is_allowed, without_boundary,
+    FACING_AWAY, INSIDE_OUT, MISSING_CAUSTIC, NO_BOUNDARY, OPEN_BODY, SHARED_FACE, is_allowed, without_boundary,
 };
 use modules::Checker;
 pub use modules::ModuleId;

@@ -3,9 +3,10 @@
 
 use std::collections::HashMap;
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 
 use crate::mesh::{Mesh, ops};
+use crate::render::accel::{Accel, Ray};
 use crate::render::{MaterialKind, SceneDescription};
 
 /// What is wrong with the surface of a body.
@@ -17,6 +18,8 @@ pub(super) enum Flaw {
     InsideOut,
     /// Some faces turn inwards, others outwards.
     Mixed,
+    /// A face lies where this shape of the scene, of whatever material, has one too. It may be the same shape.
+    Shared(usize),
 }
 
 /// Triangles up to which bodies are looked at.
@@ -24,6 +27,12 @@ const MOST: usize = 1 << 22;
 
 /// Holes smaller than this share of a surface are the seams of meshes that nearly fit together.
 const SMALLEST_HOLE: f64 = 1e-4;
+
+/// How near one another two faces are in one place, as a share of their coordinates' largest: rays that begin on one of them miss the other.
+const SAME_PLACE: f32 = 4e-6;
+
+/// The sine of the angle from which on faces that meet are not in one place.
+const PARALLEL: f64 = 1e-3;
 
 /// The cosine of the angle from their mean up to which the normals of a sheet turn: 78 degrees.
 const SHEET: f64 = 0.2;
@@ -55,9 +64,58 @@ pub(super) fn flawed(description: &SceneDescription) -> Vec<(usize, Flaw)> {
     if bodies.is_empty() || bodies.iter().map(|(_, mesh)| mesh.faces.len()).sum::<usize>() > MOST {
         return Vec::new();
     }
-    let surface = Surface::new(&bodies);
-    let found = surface.flaws();
+    let mut found = Surface::new(&bodies).flaws();
+    for (body, other) in shared(description, &bodies) {
+        found[body].get_or_insert(Flaw::Shared(other));
+    }
     bodies.iter().zip(found).filter_map(|((shape, _), flaw)| Some((*shape, flaw?))).collect()
+}
+
+/// The shapes in whose place faces of bodies lie: an index into the bodies, and one of a shape. Two bodies are named once, by the later one. (A face
+/// is compared by short rays through some of its points. Surfaces that cross are not meant: light passes one after the other.)
+fn shared(description: &SceneDescription, bodies: &[(usize, &Mesh)]) -> Vec<(usize, usize)> {
+    let corners = |mesh: &Mesh, face: [u32; 3]| face.map(|i| mesh.vertices[i as usize]);
+    let vertices = bodies.iter().flat_map(|(_, mesh)| &mesh.vertices);
+    let (low, high) = vertices.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), v| (low.min(*v), high.max(*v)));
+    let reach = SAME_PLACE * low.abs().max(high.abs()).max_element();
+    let is_near = |p: [Vec3; 3]| {
+        let (from, to) = (p[0].min(p[1]).min(p[2]), p[0].max(p[1]).max(p[2]));
+        from.cmple(high + reach).all() && to.cmpge(low - reach).all()
+    };
+    let (mut triangles, mut shapes) = (Vec::new(), Vec::new());
+    for (i, shape) in description.shapes.iter().enumerate() {
+        let near = shape.mesh.faces.iter().map(|face| corners(&shape.mesh, *face)).filter(|p| is_near(*p));
+        triangles.extend(near);
+        shapes.resize(triangles.len(), i);
+    }
+    if triangles.len() > MOST {
+        return Vec::new();
+    }
+    let tree = Accel::new(&triangles);
+    let area = |p: [Vec3; 3]| {
+        let [a, b, c] = p.map(|p| p.as_dvec3());
+        (b - a).cross(c - a)
+    };
+    let mut found = Vec::new();
+    for (i, p) in triangles.iter().enumerate() {
+        let Some(normal) = area(*p).try_normalize() else { continue };
+        // The middle, and a point towards each corner.
+        for weights in [[1.0; 3], [4.0, 1.0, 1.0], [1.0, 4.0, 1.0], [1.0, 1.0, 4.0]] {
+            let p = (weights[0] * p[0] + weights[1] * p[1] + weights[2] * p[2]) / weights.iter().sum::<f32>();
+            let (reach, dir) = (SAME_PLACE * p.abs().max_element(), normal.as_vec3());
+            let ray = Ray { origin: p - reach * dir, dir, t_min: 0.0, t_max: 2.0 * reach };
+            let Some(hit) = tree.closest(&ray, &[i as u32]) else { continue };
+            let other = area(triangles[hit.prim as usize]);
+            if normal.cross(other).length() < PARALLEL * other.length() {
+                let [a, b] = [i, hit.prim as usize].map(|i| shapes[i]);
+                let (earlier, later) = (a.min(b), a.max(b));
+                let body = |shape| bodies.iter().position(|(of, _)| *of == shape);
+                let pair = body(later).map(|body| (body, earlier));
+                found.extend(pair.or_else(|| body(earlier).map(|body| (body, later))));
+            }
+        }
+    }
+    found
 }
 
 /// The surfaces of all bodies, welded where they have equal positions.

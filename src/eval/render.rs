@@ -624,7 +624,7 @@ impl Engine {
         let origin = index.and_then(|index| origins.iter().filter(|o| o.is_light).nth(index));
         let unnamed = index.map_or("a light of the scene".to_owned(), |index| format!("the scene's light {index}"));
         let what = "shines on nothing: all of the scene lies on its dark side";
-        self.tell_of_part(origin, unnamed, span, [check::FACING_AWAY, what, "faces away", help]);
+        self.tell_of_part(origin, unnamed, span, check::FACING_AWAY, [what, "faces away", help]);
     }
 
     /// Says by how much brighter an image would be by the caustics of a light, unless the script allows that they are left out.
@@ -639,18 +639,17 @@ impl Engine {
             let part = lower::delta_light(scene, light)
                 .and_then(|light| origins.iter().filter(|origin| origin.is_light).nth(light));
             let text = [
-                check::MISSING_CAUSTIC,
                 "lights surfaces by way of mirrors or glass too, which this rendering leaves out",
                 "its caustics are missing",
                 "`method: \"both\"` adds them (for which the camera wants `filter: tent`): no path from the camera meets a light without area",
             ];
-            self.tell_of_part(part, format!("the scene's light {light}"), task.place, text);
+            self.tell_of_part(part, format!("the scene's light {light}"), task.place, check::MISSING_CAUSTIC, text);
         }
     }
 
     /// Warns of a shape or a light, unless the script allows it.
-    fn tell_of_part(&self, part: Option<&Origin>, unnamed: String, span: Span, text: [&'static str; 4]) {
-        let [code, what, label, help] = text;
+    fn tell_of_part(&self, part: Option<&Origin>, unnamed: String, span: Span, code: &'static str, text: [&str; 3]) {
+        let [what, label, help] = text;
         let place = part.map_or(span, |part| part.span);
         if check::is_allowed(&self.program.sources, code, place) {
             return;
@@ -665,27 +664,50 @@ impl Engine {
 
     /// Says what is wrong with a body of glass, unless the script allows it.
     fn tell_flaw(&self, shape: usize, flaw: Flaw, scene: &SceneValue, origins: &[Origin], span: Span) {
-        let text = match flaw {
-            Flaw::Open => [
+        let shared;
+        let (code, text) = match flaw {
+            Flaw::Shared(other) if other == shape => (
+                check::SHARED_FACE,
+                [
+                    "is glass with two faces in one place: light that meets one misses the other",
+                    "its faces share a place",
+                    "leave out the faces between parts that touch, or leave a thin gap there",
+                ],
+            ),
+            Flaw::Shared(other) => {
+                let name = origin_of(other, scene, origins);
+                let name = name.map_or("another shape".to_owned(), |origin| format!("`{}`", origin.name));
+                shared =
+                    format!("is a body of glass that shares a face with {name}: light that meets one misses the other");
+                let help = "leave a thin gap of air between them; `dsl explain dscene::lint::shared_face` shows bodies that touch";
+                (check::SHARED_FACE, [&*shared, "has a face in the same place", help])
+            }
+            Flaw::Open => (
                 check::OPEN_BODY,
-                "is a body of glass with a hole: light that goes in there never comes out",
-                "is not closed",
-                "close its mesh (with its caps, its lid, its floor), or make it of `thin_dielectric()`: panes and films are surfaces, not bodies",
-            ],
-            Flaw::InsideOut => [
+                [
+                    "is a body of glass with a hole: light that goes in there never comes out",
+                    "is not closed",
+                    "close its mesh (with its caps, its lid, its floor), or make it of `thin_dielectric()`: panes and films are surfaces, not bodies",
+                ],
+            ),
+            Flaw::InsideOut => (
                 check::INSIDE_OUT,
-                "is glass turned inside out: there is glass around it and air within",
-                "its faces turn inwards",
-                "faces are anticlockwise as seen from outside: turn the mesh round by `|> flip()`",
-            ],
-            Flaw::Mixed => [
+                [
+                    "is glass turned inside out: there is glass around it and air within",
+                    "its faces turn inwards",
+                    "faces are anticlockwise as seen from outside: turn the mesh round by `|> flip()`",
+                ],
+            ),
+            Flaw::Mixed => (
                 check::INSIDE_OUT,
-                "is glass of which some faces turn outwards and others inwards",
-                "its faces disagree",
-                "make all faces anticlockwise as seen from outside, where the mesh was made (“recalculate normals” in modelling programs)",
-            ],
+                [
+                    "is glass of which some faces turn outwards and others inwards",
+                    "its faces disagree",
+                    "make all faces anticlockwise as seen from outside, where the mesh was made (“recalculate normals” in modelling programs)",
+                ],
+            ),
         };
-        self.tell_of_part(origin_of(shape, scene, origins), "a shape of the scene".to_owned(), span, text);
+        self.tell_of_part(origin_of(shape, scene, origins), "a shape of the scene".to_owned(), span, code, text);
     }
 
     pub(super) fn scene_error(&self, e: LowerError, scene: &SceneValue, origins: &[Origin], span: Span) -> Diagnostic {

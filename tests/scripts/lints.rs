@@ -377,6 +377,37 @@ fn surfaces_of_glass_that_need_not_be_closed_are_not_told() {
     assert_eq!(told(bubble), ["inside_out"]);
 }
 
+/// Rays that begin on one of two faces in one place miss the other.
+#[test]
+fn glass_that_shares_a_face_with_another_shape_is_told() {
+    let told = |statements: &str| run_warnings(&glass(statements));
+    let cube = |name: &str, moved: &str, material: &str| {
+        format!("shape {name} {{ mesh: cube() |> {moved}, material: {material} }}\n")
+    };
+    let a = cube("a", "rotate(y: 0deg)", "dielectric()");
+    let beside = |x: &str, material: &str| a.clone() + &cube("b", &format!("translate([{x}, 0.1, 0.2])"), material);
+    for material in
+        ["dielectric(ior: 1.33)", "dielectric(roughness: 0.2)", "diffuse()", "mirror()", "thin_dielectric()"]
+    {
+        assert_eq!(told(&beside("1", material)), ["shared_face"], "{material}");
+        assert_eq!(told(&beside("1.00001", material)), [""; 0], "{material}");
+        // What is within another body or crosses it shares no face.
+        assert_eq!(told(&beside("0.5", material)), [""; 0], "{material}");
+    }
+    // Wherever they are, whichever comes first, and however much larger one is; one body in two parts too.
+    let far = "rotate(axis: [1, 2, 3], angle: 40deg) |> translate([50, 20, -30])";
+    let small = |x: &str| format!("scale(0.01) |> translate([{x}, 0.02, 0.03]) |> {far}");
+    for (first, second) in [("dielectric()", "diffuse()"), ("diffuse()", "dielectric()")] {
+        let pair = |x: &str| cube("large", far, first) + &cube("small", &small(x), second);
+        assert_eq!(told(&pair("0.505")), ["shared_face"], "{first}");
+        assert_eq!(told(&pair("0.515")), [""; 0], "{first}");
+    }
+    let parts = "shape a { mesh: merge(cube(), cube() |> translate([1, 0, 0])), material: dielectric() }\n";
+    assert_eq!(told(parts), ["shared_face"]);
+    assert_eq!(told(&parts.replace("dielectric", "diffuse")), [""; 0]);
+    assert_eq!(told(&(a + "// allow(shared_face)\n" + &cube("b", "translate([1, 0, 0])", "dielectric()"))), [""; 0]);
+}
+
 #[test]
 fn light_that_reaches_a_picture_by_glass_and_mirrors_alone_is_missed_aloud() {
     let script = |light: &str, body: &str, render: &str| {
