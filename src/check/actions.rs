@@ -360,6 +360,10 @@ impl Checker<'_> {
                     .filter(|_| known.contains(&"using"))
                     .map(|(solver, setting)| format!("it belongs to the solver: `using: {solver}({setting}: {value})`"))
                     .or_else(|| crate::diag::advice::standing_still(name).map(str::to_owned))
+                    .or_else(|| {
+                        (OPTIMIZE.contains(&name))
+                            .then(|| format!("`{name}` is for the whole `optimize`: write it beside the stages"))
+                    })
                     .or_else(|| crate::diag::advice::field(name, known).map(|f| format!("did you mean `{f}`?")));
                 let help = foreign.or_else(|| did_you_mean(name, "its fields are", known.iter().copied()));
                 self.diagnostics.push(

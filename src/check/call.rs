@@ -227,6 +227,8 @@ impl Checker<'_> {
             return out;
         }
         let mut disordered = false;
+        // Parameters that are named although an argument without a name stood there before, and that argument.
+        let mut displaced: Vec<(usize, usize)> = Vec::new();
         for (i, arg) in given.iter().enumerate() {
             let Some(name) = &arg.name else {
                 let slot = if named {
@@ -252,6 +254,10 @@ impl Checker<'_> {
             named = true;
             match params.iter().position(|p| p.name == name.text) {
                 Some(slot) => match slots[slot] {
+                    Some(first) if given[first].name.is_none() => {
+                        slots[slot] = Some(i);
+                        displaced.push((slot, first));
+                    }
                     Some(first) => {
                         let first = given[first].name.as_ref().map_or(given[first].value.span, |n| n.span);
                         self.report_twice(name, first);
@@ -262,9 +268,38 @@ impl Checker<'_> {
                 None => unknown.push((i, self.expr(arg.value, None))),
             }
         }
+        for (slot, unnamed) in displaced {
+            self.place_unnamed(params, given, slots, slot, unnamed);
+        }
         out.missing = (0..params.len()).filter(|i| out.by_parameter[*i].is_none() && !params[*i].has_default).collect();
         self.report_unknown_arguments(params, &unknown, given, &mut out.missing, site);
         out
+    }
+
+    /// Says that a parameter which is given by name is given without a name too, and puts the argument without a name where its type belongs.
+    fn place_unnamed(
+        &mut self,
+        params: &[SigParam],
+        given: &[Given],
+        slots: &mut [Option<usize>],
+        slot: usize,
+        unnamed: usize,
+    ) {
+        let Some(name) = slots[slot].and_then(|named| given[named].name.as_ref()) else { return };
+        let value = given[unnamed].value;
+        let arg = self.expr(value, None);
+        let takes = |param: usize| params[param].sig.accepts(&arg.expr.ty, arg.value.as_ref());
+        let is_elsewhere = !takes(slot) && !arg.expr.ty.is_unknown();
+        let free = (0..slots.len()).find(|param| is_elsewhere && slots[*param].is_none() && takes(*param));
+        let Some(free) = free else { return self.report_twice(name, value.span) };
+        slots[free] = Some(unnamed);
+        let (free, text) = (&params[free].name, self.sources.text(value.span));
+        self.diagnostics.push(
+            Diagnostic::error("dscene::call::duplicate", format!("`{}` is given twice", name.text))
+                .label(value.span, format!("without a name it is `{}`", name.text))
+                .label(name.span, "again here")
+                .help(format!("write `{free}: {text}`")),
+        );
     }
 
     /// Arguments whose parameters share a type variable must have compatible types.

@@ -240,7 +240,7 @@ pub enum DiagnosticFormat {
 /// What every command takes: how it speaks.
 #[derive(Clone, Debug, Default, Args)]
 pub struct Output {
-    /// No progress bar, no notes
+    /// No progress bar, no notes, and of warnings only those of results that are not what they seem
     #[arg(long, short)]
     pub quiet: bool,
     /// Machine-readable output
@@ -478,7 +478,7 @@ pub struct GradArgs {
     /// The script
     pub file: PathBuf,
     /// The scalar (default: the only loss, or the first)
-    #[arg(long, value_name = "EXPR")]
+    #[arg(long, value_name = "EXPR", allow_hyphen_values = true)]
     pub of: Option<String>,
     /// A param, or a numeric field such as `lamp.radiance`; may be repeated (default: all that reach it)
     #[arg(long, value_name = "NAME")]
@@ -580,6 +580,7 @@ pub struct EvalArgs {
     /// The script
     pub file: PathBuf,
     /// The expression
+    #[arg(allow_hyphen_values = true)]
     pub expr: String,
     #[command(flatten)]
     pub common: Common,

@@ -117,11 +117,12 @@ fn targets(
     }
     let mut found = Vec::new();
     for name in &args.wrt {
-        // The checker knows best what is wrong with a name.
+        let target = find_target(loaded.engine.program(), name)?;
+        // The checker knows best what is wrong with a field.
         if loaded.expression(name, "--wrt", terminal).is_none() {
             return Ok(None);
         }
-        found.push((name.trim().to_owned(), find_target(loaded.engine.program(), name)?));
+        found.push((name.trim().to_owned(), target));
     }
     Ok(Some(found))
 }

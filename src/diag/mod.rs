@@ -96,9 +96,17 @@ impl Diagnostic {
         self.severity == Severity::Error
     }
 
-    /// Even the quiet are told what is wrong, what a derivative lacks, and that a search has led away: results look the same without.
+    /// Even the quiet are told what is wrong, what a derivative lacks, what a file says that was not done, which glass is none, and that a search has
+    /// led away: results look the same without.
     pub fn is_always_told(&self) -> bool {
-        let others = ["dscene::lint::no_boundary", "dscene::run::risen"];
+        let others = [
+            "dscene::lint::no_boundary",
+            "dscene::lint::open_body",
+            "dscene::lint::inside_out",
+            "dscene::lint::shared_face",
+            "dscene::run::file",
+            "dscene::run::risen",
+        ];
         self.is_error() || self.code.starts_with("dscene::gradient::") || others.contains(&self.code)
     }
 

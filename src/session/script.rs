@@ -109,9 +109,9 @@ impl Script {
         if let Some(known) = self.targets.get(name) {
             return Ok(known.clone());
         }
-        // The checker knows best what is wrong with a name.
-        self.expression(name)?;
         let target = find_target(self.engine.program(), name)?;
+        // The checker knows best what is wrong with a field.
+        self.expression(name)?;
         self.targets.insert(name.to_owned(), target.clone());
         Ok(target)
     }
@@ -330,9 +330,18 @@ pub fn find_target(program: &hir::Program, text: &str) -> Result<hir::Target, Di
     let name = parts.next().unwrap_or_default();
     let found = program.ids().find(|&id| program.decl(id).user && program.decl(id).name == name);
     let Some(decl) = found else {
-        let names = program.ids().filter(|&id| program.decl(id).user).map(|id| program.decl(id).name.as_str());
+        // Few ask for the derivative by anything else than a param or its part.
+        let of_params = |id: &hir::DeclId| matches!(program.decl(*id).kind, hir::DeclKind::Param(_));
+        let names = |is_named: &dyn Fn(&hir::DeclId) -> bool| -> Vec<&str> {
+            let ids = program.ids().filter(|id| program.decl(*id).user && is_named(id));
+            ids.map(|id| program.decl(id).name.as_str()).collect()
+        };
+        let (lead, named) = match names(&of_params) {
+            none if none.is_empty() => ("the script declares", names(&|_| true)),
+            params => ("the params are", params),
+        };
         return Err(Diagnostic::error("dscene::name::unknown", format!("there is no `{name}`"))
-            .help_opt(diag::did_you_mean(&name, "the script declares", names.collect::<Vec<&str>>())));
+            .help_opt(diag::did_you_mean(&name, lead, named)));
     };
     Ok(hir::Target { decl, path: parts.collect() })
 }

@@ -93,7 +93,7 @@ fn unexpected(
         (at, found) = (next, "=".to_owned());
     }
     let expected = if found == "=" && wants_field { "`:`".to_owned() } else { expected(error) };
-    let help = help(text, at, &found);
+    let help = help(text, at, &found).or_else(|| unnamed(text, at));
     if found.is_empty() {
         return ends_early(text, whole, &expected, span).help_opt(help);
     }
@@ -102,6 +102,19 @@ fn unexpected(
         wanted => (format!("expected {wanted}, but found `{found}`"), format!("expected {wanted}")),
     };
     Diagnostic::error("dscene::syntax::unexpected", message).label(span(at, at + found.len()), label).help_opt(help)
+}
+
+/// What is said of a stage and of a sweep whose name was left out, where the name was expected.
+fn unnamed(text: &str, at: usize) -> Option<String> {
+    let before = text.get(..at)?.trim_end();
+    let is_last = |word: &str| {
+        before.strip_suffix(word).is_some_and(|rest| !rest.ends_with(|c: char| c.is_ascii_alphanumeric() || c == '_'))
+    };
+    Some(match () {
+        () if is_last("stage") => "a stage has a name: `stage NAME { … }`".to_owned(),
+        () if is_last("sweep") => "a sweep says what takes which values: `sweep NAME in [1, 2, 3] { … }`".to_owned(),
+        () => return None,
+    })
 }
 
 /// The text ends where something was expected: its last token shows where.
@@ -125,8 +138,9 @@ fn head(text: &str, span: &dyn std::ops::Fn(usize, usize) -> Span) -> Option<Dia
     }
     let (name_at, name) = token_at(text, skip_space(text, at + word.len()));
     if word == "test" {
-        let help = format!("a test is named by a text: write `test \"{name}\" {{ … }}`");
-        return is_name(&name).then(|| {
+        let shown = if is_name(&name) { &name } else { "NAME" };
+        let help = format!("a test is named by a text: write `test \"{shown}\" {{ … }}`");
+        return (is_name(&name) || name == "{").then(|| {
             Diagnostic::error("dscene::syntax::unexpected", format!("expected a text, but found `{name}`"))
                 .label(span(name_at, name_at + name.len()), "expected a text")
                 .help(help)

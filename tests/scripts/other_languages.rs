@@ -6,6 +6,22 @@ use crate::advice::Row;
 /// The wrong script, the text under the first label, the text to type, the mended script.
 #[rustfmt::skip]
 pub const ROWS: &[Row] = &[
+    // What was left out, or stands in another's place.
+    (
+        "optimize fit { using: adam(), stage { steps: 3 } }",
+        "{",
+        "stage NAME { … }",
+        "optimize fit { using: adam(), stage a { steps: 3 } }",
+    ),
+    ("sweep { k: [1, 2] }", "{", "sweep NAME in [1, 2, 3] { … }", "sweep k in [1, 2, 3] { print k }"),
+    ("test { expect c }", "{", "test \"NAME\" { … }", "test \"a\" { expect c }"),
+    (
+        "let a = rotation(40deg, axis: [0, 1, 0])",
+        "40deg",
+        "angle: 40deg",
+        "let a = rotation(angle: 40deg, axis: [0, 1, 0])",
+    ),
+    ("let a = translate(v, mesh: cube())", "v", "offset: v", "let a = translate(offset: v, mesh: cube())"),
     ("let a = translate(cube(), y: 1)", "y", "offset: [0, 1, 0]", "let a = translate(cube(), offset: [0, 1, 0])"),
     ("light l = directional(dir: [0, -1, 0])", "dir", "direction", "light l = directional(direction: [0, -1, 0])"),
     ("let a = blur(render(eye), radius: 2)", "radius", "sigma", "let a = blur(render(eye), sigma: 2)"),
@@ -234,6 +250,7 @@ pub const ROWS: &[Row] = &[
 /// Scripts with one mistake, and the text that is to blame: what is to be typed has gaps, or there is nothing to type.
 #[rustfmt::skip]
 pub const ONE_CAUSE: &[(&str, &str)] = &[
+    ("optimize fit { using: adam(), stage a { steps: 3, starts: 2 } }", "starts"),
     ("fn f(alpha, beta: image) = alpha + mean(beta)\nlet a = f(1, b: 2)", "b"),
     ("camera k {\n  position: [0, 1, 0]],\n  fov: 40deg\n}\nprint k.fov", "]"),
     ("let a = vec3(1.0f)", "1.0f"),

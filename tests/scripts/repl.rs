@@ -76,8 +76,9 @@ fn the_repl_sets_only_what_is_there_and_within_its_bounds() {
     place.write("t.dscene", TRIANGLE);
     for (line, problem) in [
         (":set glow 5", "`glow` stays within 0..1"),
+        ("glow = 0.25", "`:set glow 0.25` moves the param"),
         (":set glwo 0.5", "did you mean `glow`?"),
-        ("glow = 0.7", "`let glow = 0.7`"),
+        ("glov = 0.7", "`let glov = 0.7`"),
     ] {
         let output = repl(&place, &["t.dscene"], line);
         assert_diagnosed(&output);

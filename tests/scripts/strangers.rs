@@ -43,6 +43,21 @@ fn commands_that_are_proposed_are_quoted() {
     assert!(stderr(&output).contains("cannot write"), "{}", stderr(&output));
 }
 
+/// The quiet are told all the same where a result is not what it seems.
+#[test]
+fn what_a_file_says_in_vain_is_told_the_quiet_too() {
+    let place = Place::new();
+    place.write("a.mtl", "newmtl red\nKd 0.8 0.1 0.1\nmap_Kd missing.png\n");
+    place.write("a.obj", "mtllib a.mtl\nusemtl red\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
+    place.write("a.dscene", "print len(load_scene(\"a.obj\").shapes)\n");
+    let run = |flags: &[&str]| stderr(&place.dsl(&[&["run", "a.dscene", "--out", "r", "--force"], flags].concat()));
+    assert!(run(&["--quiet"]).contains("missing.png"), "{}", run(&[]));
+    place.write("d.json", "{ \"tilt\": 1 }");
+    place.write("a.dscene", "print cos(load_json(\"d.json\").tilt)\n");
+    assert!(run(&[]).contains("missing_unit"));
+    assert_eq!(run(&["--quiet"]), "");
+}
+
 /// Data from elsewhere has names that are none of the language.
 #[test]
 fn fields_of_loaded_records_may_be_named_in_quotes() {

@@ -116,7 +116,7 @@ fn what_gltf_asks_for_in_vain_is_told_by_name() {
     file.add(
         "materials",
         json!({"name": "glass", "normalTexture": {"index": 0}, "emissiveTexture": {"index": 1},
-        "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}},
+        "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, "metallicFactor": 0},
         "extensions": {"KHR_materials_transmission": {"transmissionFactor": 1},
             "KHR_materials_pbrSpecularGlossiness": {"glossinessFactor": 0.5}}}),
     );
@@ -181,6 +181,48 @@ fn what_else_gltf_has_is_told_by_name() {
     assert_eq!(read(&place, "a.gltf").warnings, expected);
 }
 
+/// What lets light through has neither coat nor sheen nor holes, and metal lets none through: a material of glTF is metal where it does not say
+/// otherwise.
+#[test]
+fn what_glass_of_gltf_has_in_vain_is_told() {
+    let place = Place::new();
+    for (name, thickness) in [("pane", 0), ("body", 1)] {
+        let glass = |name: &str, pbr: Value| {
+            json!({"name": name, "pbrMetallicRoughness": pbr, "extensions": {
+                "KHR_materials_transmission": {"transmissionFactor": 1},
+                "KHR_materials_volume": {"thicknessFactor": thickness}}})
+        };
+        let mut decked = glass(name, json!({"metallicFactor": 0, "baseColorFactor": [1, 1, 1, 0.5]}));
+        decked["alphaMode"] = json!("BLEND");
+        for (extension, factors) in [
+            ("KHR_materials_clearcoat", json!({"clearcoatFactor": 1})),
+            ("KHR_materials_sheen", json!({"sheenColorFactor": [1, 0, 0]})),
+            ("KHR_materials_specular", json!({"specularFactor": 0})),
+        ] {
+            decked["extensions"][extension] = factors;
+        }
+        let mut file = Builder::new();
+        for (i, material) in [decked, glass("steel", json!({}))].into_iter().enumerate() {
+            file.add("materials", material);
+            let mesh = file.triangle(json!({}), json!({"material": i}));
+            file.add("nodes", json!({"mesh": mesh}));
+        }
+        file.json["scenes"] = json!([{"nodes": [0, 1]}]);
+        place.write("a.gltf", file.text());
+        let loaded = read(&place, "a.gltf");
+        let all = "of what lets all light through";
+        let told = [
+            format!("the coat {all} is left out: “{name}”"),
+            format!("the sheen {all} is left out: “{name}”"),
+            format!("the holes (`alphaMode`) {all} are left out: “{name}”"),
+            format!("the specularFactor {all} is left out: its `ior` counts: “{name}”"),
+        ];
+        assert_eq!(loaded.warnings, told, "{name}");
+        let clear = [0, 1].map(|i: usize| loaded.parts[i].material.as_ref().unwrap().clear.is_some());
+        assert_eq!(clear, [true, false], "{name}");
+    }
+}
+
 /// With what it was and what it is, also where the glTF crate reads nothing.
 #[test]
 fn numbers_of_gltf_beyond_their_range_are_told() {
@@ -188,7 +230,7 @@ fn numbers_of_gltf_beyond_their_range_are_told() {
     let extension = |name: &str, what: Value| json!({"name": "m", "extensions": {name: what}});
     let pbr = |what: Value| json!({"name": "m", "pbrMetallicRoughness": what});
     let glass = |volume: Value, ior: f64| {
-        json!({"name": "m", "pbrMetallicRoughness": {"roughnessFactor": 0}, "extensions": {
+        json!({"name": "m", "pbrMetallicRoughness": {"roughnessFactor": 0, "metallicFactor": 0}, "extensions": {
             "KHR_materials_transmission": {"transmissionFactor": 1}, "KHR_materials_ior": {"ior": ior},
             "KHR_materials_volume": volume}})
     };

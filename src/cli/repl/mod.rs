@@ -276,8 +276,17 @@ impl<'w> Repl<'w> {
 
     /// Checks a line against the program and reports what is wrong with it.
     fn check(&mut self, text: &str) -> Option<Line> {
-        let (line, diagnostics) = check_line(&mut self.living.engine, text);
-        let sources = self.living.engine.program().sources.clone();
+        let (line, mut diagnostics) = check_line(&mut self.living.engine, text);
+        let program = self.living.engine.program();
+        // `place = 4`, where `place` is a param.
+        if let (None, [told], Some((name, value))) = (&line, &mut diagnostics[..], text.split_once('='))
+            && let (name, value) = (name.trim(), value.trim())
+            && program.find(name).is_some_and(|id| matches!(program.decl(id).kind, DeclKind::Param(_)))
+        {
+            told.helps =
+                vec![format!("`:set {name} {value}` moves the param, `param {name} = {value}` declares it anew")];
+        }
+        let sources = program.sources.clone();
         for diagnostic in &diagnostics {
             self.world.diagnostic(diagnostic, &sources);
         }

@@ -116,23 +116,7 @@ impl Materials {
             (made.coat, made.grain, made.sheen) = (None, None, None);
             (made.clear, made.transmission, made.normals) = (None, None, None);
         }
-        if made.clear.is_some() {
-            (made.normals, made.opacity, made.sheen, made.coat) = (None, None, None, None);
-        }
-        if made.transmission.is_some() {
-            let mut about = |sentence: &str, is_there: bool| {
-                if is_there && reading.materials() {
-                    reading.notes.about(sentence, &name);
-                }
-            };
-            about("normal maps of what lets a part of the light through are left out", made.normals.take().is_some());
-            let is_covered = made.coat.is_some() || made.sheen.is_some();
-            about("coats and sheens lie over what light does not pass", is_covered);
-        }
-        let mirrors_nothing = made.clear.is_some() || made.is_cloth();
-        if mirrors_nothing && made.grain.take().is_some() && reading.materials() {
-            reading.notes.about("the anisotropy of glass and of cloth (KHR_materials_anisotropy) is left out", &name);
-        }
+        without_excess(&mut made, specular, &name, reading);
         let numbers = [made.metallic, made.roughness, made.specular];
         if !(made.base_color.is_finite() && made.emissive.is_finite() && numbers.iter().all(|n| n.is_finite())) {
             return Err(format!("{name} of the glTF file has a number that is not finite"));
@@ -287,6 +271,31 @@ impl Materials {
     }
 }
 
+/// Takes away what a material that lets light through, or is cloth, has beside that, and reports it.
+fn without_excess(made: &mut LoadedMaterial, specular: f32, name: &str, reading: &mut Reading) {
+    let mut about = |sentence: &str, is_there: bool| {
+        if is_there && reading.materials() {
+            reading.notes.about(sentence, name);
+        }
+    };
+    if made.clear.is_some() {
+        made.normals = None;
+        about("the coat of what lets all light through is left out", made.coat.take().is_some());
+        about("the sheen of what lets all light through is left out", made.sheen.take().is_some());
+        about("the holes (`alphaMode`) of what lets all light through are left out", made.opacity.take().is_some());
+        about("the specularFactor of what lets all light through is left out: its `ior` counts", specular != 1.0);
+    }
+    if made.transmission.is_some() {
+        about("normal maps of what lets a part of the light through are left out", made.normals.take().is_some());
+        let is_covered = made.coat.is_some() || made.sheen.is_some();
+        about("coats and sheens lie over what light does not pass", is_covered);
+    }
+    let mirrors_nothing = made.clear.is_some() || made.is_cloth();
+    if mirrors_nothing && made.grain.take().is_some() && reading.materials() {
+        reading.notes.about("the anisotropy of glass and of cloth (KHR_materials_anisotropy) is left out", name);
+    }
+}
+
 /// A number from 0 to 1 of an extension that the glTF crate does not read; 0 if it is not written.
 fn unit(written: &Value, what: &str, whose: &str, reading: &mut Reading) -> f32 {
     reading.within([written.as_f64().map_or(0.0, |x| x as f32)], 0.0..=1.0, what, whose)[0]
@@ -345,9 +354,10 @@ fn tell(material: &gltf::Material, name: &str, reading: &mut Reading) {
             );
         }
     }
+    let is_metal = material.pbr_metallic_roughness().metallic_factor() >= 1.0;
     let known = |name: &str| {
         matches!(name, TRANSMISSION | VOLUME)
-            && transmission(material).is_none_or(|(_, is_body)| !is_body || is_glass(material))
+            && (is_metal || transmission(material).is_none_or(|(_, is_body)| !is_body || is_glass(material)))
             || [SHEEN, CLEARCOAT, ANISOTROPY].contains(&name)
     };
     for extension in material.extensions().into_iter().flat_map(|e| e.keys()).filter(|name| !known(name)) {
@@ -369,15 +379,16 @@ fn transmission(material: &gltf::Material) -> Option<(f32, bool)> {
     Some((share as f32, number(VOLUME, "thicknessFactor").is_some_and(|thickness| thickness > 0.0)))
 }
 
-/// Whether a surface becomes glass: that of a body which lets most of the light through, and a thin one which lets all through everywhere.
+/// Whether a surface becomes glass: that of a body which lets most of the light through, and a thin one which lets all through everywhere. Metal lets
+/// nothing through, and a material of glTF is metal where it does not say otherwise.
 fn is_glass(material: &gltf::Material) -> bool {
     let varies =
         || material.extension_value(TRANSMISSION).is_some_and(|written| written.get("transmissionTexture").is_some());
-    transmission(material).is_some_and(
-        |(share, is_body)| {
-            if is_body { share >= 0.5 } else { share == 1.0 && !varies() }
-        },
-    )
+    let metallic = material.pbr_metallic_roughness().metallic_factor();
+    transmission(material).is_some_and(|(share, is_body)| match is_body {
+        true => share * (1.0 - metallic) >= 0.5,
+        false => share == 1.0 && metallic <= 0.0 && !varies(),
+    })
 }
 
 /// Whether and how light passes a material. What it has beside that is reported.
@@ -392,13 +403,14 @@ fn clear(material: &gltf::Material, ior: f32, name: &str, reading: &mut Reading)
     let pbr = material.pbr_metallic_roughness();
     let has = |extension: &str, name: &str| material.extension_value(extension).is_some_and(|e| e.get(name).is_some());
     let is_plain = share == 1.0
+        && pbr.metallic_factor() <= 0.0
         && (!is_body || pbr.base_color_factor()[..3] == [1.0; 3] && pbr.base_color_texture().is_none())
         && material.normal_texture().is_none()
         && !has(TRANSMISSION, "transmissionTexture");
     if !is_plain && reading.materials() {
         let sentence = match is_body {
             true => {
-                "the surface of glass is clear: its colour and the images beside that of its roughness are left out"
+                "the surface of glass is clear: its colour, its metal and the images beside that of its roughness are left out"
             }
             false => {
                 "panes let all light through but for their colour: what they have beside it and their roughness is left out"
