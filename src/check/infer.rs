@@ -474,6 +474,16 @@ impl Checker<'_> {
     /// `lamp` or `lamp.radiance`: a declaration and the fields that lead to a part of its value, with the part's type.
     pub fn target(&mut self, path: &[ast::Name]) -> Option<(hir::Target, Ty)> {
         let (first, rest) = path.split_first()?;
+        if self.locals.iter().any(|local| local.name == first.text) {
+            let message =
+                format!("this `{}` is a name of its function or block, not a declaration of the script", first.text);
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::param", message)
+                    .label(first.span, "changes from call to call")
+                    .help("derivatives are by a `param` and `with` replaces a declaration; if one of this name is meant, give the other another name"),
+            );
+            return None;
+        }
         let (decl, mut rest) = match self.lookup(&first.text) {
             Some(decl) => (decl, rest),
             None => match (self.modules[self.module].aliases.get(&first.text).copied(), rest.split_first()) {

@@ -306,7 +306,7 @@ pub struct RunArgs {
     /// Steps of each `optimize`, in place of the script's
     #[arg(long, value_name = "N")]
     pub steps: Option<u64>,
-    /// Take an `--out` folder that has files in it: an earlier run there is replaced; with --resume, go on although files have changed
+    /// Take an `--out` folder that has files in it: an earlier run there is replaced, and a sweep of another script begun anew; with --resume, go on although files have changed
     #[arg(long)]
     pub force: bool,
     /// Go on with a run that was interrupted or killed, to the bit as if it had not been; RUN is its folder

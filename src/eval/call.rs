@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use crate::check;
 use crate::check::hir::{
-    Call, Callee, DeclId, DeclKind, Expr, FILE_SCENE, FnDecl, Lambda, LocalId, NativeDecl, Rendering,
+    Call, Callee, DeclId, DeclKind, Expr, FILE_SCENE, FnDecl, Lambda, LocalId, NativeDecl, Rendering, Target,
 };
 use crate::check::text;
 use crate::diag::Diagnostic;
@@ -23,11 +23,44 @@ use super::{Engine, Result, error};
 /// The contents of a function value.
 pub(super) enum Closure {
     Decl(DeclId),
-    Lambda { lambda: Arc<Lambda>, captured: Vec<(LocalId, Value)> },
+    Lambda {
+        lambda: Arc<Lambda>,
+        captured: Vec<(LocalId, Value)>,
+    },
+    /// A function that a `with` gave: what it calls sees these replacements, whenever it is called.
+    Within {
+        function: Value,
+        overrides: Vec<(Target, Value)>,
+        seed: u64,
+    },
 }
 
 pub(super) fn function(closure: Closure) -> Value {
     Value::Function(Function(Arc::new(closure)))
+}
+
+/// Whether a value is a function or has one in it.
+pub(super) fn holds_function(value: &Value) -> bool {
+    match value {
+        Value::Function(_) => true,
+        Value::List(items) => items.iter().any(holds_function),
+        Value::Record(fields) => fields.iter().any(|(_, v)| holds_function(v)),
+        Value::Settings(settings) => settings.fields.iter().any(|(_, v)| holds_function(v)),
+        _ => false,
+    }
+}
+
+/// The value with its functions in the world of a `with`.
+pub(super) fn within(value: Value, overrides: &[(Target, Value)], seed: u64) -> Value {
+    match value {
+        Value::Function(_) => function(Closure::Within { function: value, overrides: overrides.to_vec(), seed }),
+        Value::List(items) => Value::List(Arc::new(items.iter().map(|v| within(v.clone(), overrides, seed)).collect())),
+        Value::Record(fields) => {
+            let field = |(name, v): &(String, Value)| (name.clone(), within(v.clone(), overrides, seed));
+            Value::Record(Arc::new(fields.iter().map(field).collect()))
+        }
+        other => other,
+    }
 }
 
 impl Engine {
@@ -295,6 +328,9 @@ impl Engine {
                 self.locals.truncate(saved.1);
                 (self.base, self.path) = (saved.0, saved.2);
                 result
+            }
+            Some(Closure::Within { function, overrides, seed }) => {
+                self.in_world(overrides.clone(), *seed, |engine| engine.apply(function, args, span, f_span))
             }
             None => Err(error::kind(format!("{} cannot be called", f.kind()), f_span)),
         }

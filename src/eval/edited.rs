@@ -3,13 +3,13 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
+use super::call::holds_function;
 use super::deps::Params;
 use super::reach::{Reach, mentioned};
 use super::warnings::Warnings;
 use super::{Engine, RenderOverrides};
 use crate::check::hir::{DeclId, DeclKind, Program};
 use crate::check::types::Ty;
-use crate::natives::value::Value;
 
 impl Engine {
     /// Goes on with a program that was read and checked anew, with the same result as a new engine of it, but for the params. A value stays
@@ -30,6 +30,7 @@ impl Engine {
         self.worlds.truncate(1);
         self.evaluated.clear();
         let cache = std::mem::take(&mut self.worlds[0].cache).into_iter();
+        // Functions mention declarations by their ids, which are other ones now.
         let kept = cache.filter(|(_, entry)| !holds_function(&entry.value)).filter_map(|(id, mut entry)| {
             entry.deps.params = entry.deps.params.renamed(&new_ids);
             Some((*new_ids.get(&id)?, entry))
@@ -50,17 +51,6 @@ impl Params {
         let mut renamed = Params::default();
         new_ids.iter().filter(|(old, _)| self.contains(old)).for_each(|(_, new)| renamed.insert(*new));
         renamed
-    }
-}
-
-/// Functions mention declarations by their ids, which are other ones now.
-fn holds_function(value: &Value) -> bool {
-    match value {
-        Value::Function(_) => true,
-        Value::List(items) => items.iter().any(holds_function),
-        Value::Record(fields) => fields.iter().any(|(_, v)| holds_function(v)),
-        Value::Settings(settings) => settings.fields.iter().any(|(_, v)| holds_function(v)),
-        _ => false,
     }
 }
 

@@ -15,7 +15,7 @@ use crate::source::Span;
 use crate::stop;
 use crate::tape::{Binary, Slice, Tensor, Var};
 
-use super::call::{Closure, function};
+use super::call::{Closure, function, holds_function, within};
 use super::{Engine, Result, World, error, mix, origin, show};
 
 /// Most items of a range or comprehension.
@@ -342,7 +342,9 @@ impl Engine {
             }
             overrides.push((r.target.clone(), value));
         }
-        self.in_world(overrides, self.path_at(span), |engine| engine.expr(body))
+        let seed = self.path_at(span);
+        let value = self.in_world(overrides.clone(), seed, |engine| engine.expr(body))?;
+        Ok(if holds_function(&value) { within(value, &overrides, seed) } else { value })
     }
 
     /// Evaluates in a new world: a layer of replacements over the current one.

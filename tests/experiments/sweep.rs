@@ -378,8 +378,15 @@ fn a_changed_script_and_a_folder_in_use_are_refused() {
     assert_diagnosed(&output);
     let told = stderr(&output);
     assert!(told.contains("`a.dscene` has changed") && told.contains("--force"), "{told}");
+    // By force it begins anew: no row is one of the old script, whatever was there.
     assert_code(&sweep(&["--set", "rate=0.1,0.2,0.3", "--force"]), 0);
     assert_eq!(lines(&place, "r", "begun").len(), 3);
+    let new = |more: &[&str]| place.dsl(&[&["sweep", "a.dscene", "--out", "new", "--quiet"][..], more].concat());
+    assert_code(&new(&["--set", "rate=0.1,0.2,0.3"]), 0);
+    assert_eq!(table(&place, "r"), table(&place, "new"));
+    // What is the same goes on by force too.
+    assert_code(&sweep(&["--set", "rate=0.1,0.2,0.3,0.4", "--force"]), 0);
+    assert_eq!(lines(&place, "r", "begun").len(), 4);
 }
 
 #[test]

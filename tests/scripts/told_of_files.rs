@@ -1,5 +1,7 @@
 //! What a mesh or scene file says and is not done is told by name, and numbers beyond their range with what is taken instead.
 
+use dscene::image::Image;
+use dscene::image::file::encode_png;
 use dscene::mesh::load::{Wanted, load};
 use glam::Vec3;
 use serde_json::{Value, json};
@@ -186,6 +188,9 @@ fn what_else_gltf_has_is_told_by_name() {
 #[test]
 fn what_glass_of_gltf_has_in_vain_is_told() {
     let place = Place::new();
+    // Roughness in the green channel, metal in the blue one: there is none.
+    let image = Image { width: 1, height: 1, channels: 3, data: vec![1.0, 0.0, 0.0] };
+    place.write("packed.png", encode_png(&image).unwrap());
     for (name, thickness) in [("pane", 0), ("body", 1)] {
         let glass = |name: &str, pbr: Value| {
             json!({"name": name, "pbrMetallicRoughness": pbr, "extensions": {
@@ -202,12 +207,16 @@ fn what_glass_of_gltf_has_in_vain_is_told() {
             decked["extensions"][extension] = factors;
         }
         let mut file = Builder::new();
-        for (i, material) in [decked, glass("steel", json!({}))].into_iter().enumerate() {
+        file.add("images", json!({"uri": "packed.png"}));
+        file.add("textures", json!({"source": 0}));
+        let packed = glass("packed", json!({"metallicRoughnessTexture": {"index": 0}}));
+        for (i, material) in [decked, glass("steel", json!({})), packed].into_iter().enumerate() {
             file.add("materials", material);
-            let mesh = file.triangle(json!({}), json!({"material": i}));
+            let uvs = file.floats("VEC2", &[0.0, 0.0, 1.0, 0.0, 0.0, 1.0]);
+            let mesh = file.triangle(json!({"TEXCOORD_0": uvs}), json!({"material": i}));
             file.add("nodes", json!({"mesh": mesh}));
         }
-        file.json["scenes"] = json!([{"nodes": [0, 1]}]);
+        file.json["scenes"] = json!([{"nodes": [0, 1, 2]}]);
         place.write("a.gltf", file.text());
         let loaded = read(&place, "a.gltf");
         let all = "of what lets all light through";
@@ -218,8 +227,8 @@ fn what_glass_of_gltf_has_in_vain_is_told() {
             format!("the specularFactor {all} is left out: its `ior` counts: “{name}”"),
         ];
         assert_eq!(loaded.warnings, told, "{name}");
-        let clear = [0, 1].map(|i: usize| loaded.parts[i].material.as_ref().unwrap().clear.is_some());
-        assert_eq!(clear, [true, false], "{name}");
+        let clear = [0, 1, 2].map(|i: usize| loaded.parts[i].material.as_ref().unwrap().clear.is_some());
+        assert_eq!(clear, [true, false, true], "{name}");
     }
 }
 

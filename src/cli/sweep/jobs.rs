@@ -81,14 +81,18 @@ impl Jobs {
         self.going_on.len() < self.most
     }
 
-    /// Begins a run, or goes on with it.
-    pub fn begin(&mut self, sweep: &SweepFolder, run: Combination) -> Result<(), Diagnostic> {
+    /// Begins a run, or goes on with it if the sweep has begun it before. (A run that the sweep knows nothing of is one of an earlier script.)
+    pub fn begin(&mut self, sweep: &SweepFolder, run: Combination, was_begun: bool) -> Result<(), Diagnostic> {
         let folder = sweep.run(&run);
         let mut command = Command::new(&self.program);
         command.arg("run").arg(&self.file).args(&self.arguments);
-        if folder.join("run.json").is_file() {
+        let is_there = folder.join("run.json").is_file();
+        if is_there && was_begun {
             command.arg("--resume").arg(&folder);
         } else {
+            if is_there && !self.arguments.iter().any(|argument| argument == "--force") {
+                command.arg("--force");
+            }
             command.arg("--out").arg(&folder).args(["--seed", &run.seed.to_string()]).args(&self.first);
             let seed = self.declares_seed.then(|| Override { name: "seed".to_owned(), value: run.seed.to_string() });
             for Override { name, value } in run.overrides.iter().chain(&seed) {

@@ -82,12 +82,14 @@ pub fn run_loaded(args: SweepArgs, mut loaded: Loaded, terminal: &mut Terminal) 
     };
     let maximized = loaded.engine.program().maximized();
     let done = open(&args, sources).and_then(|folder| {
+        let begun = folder.journal.begun_runs()?;
         let mut sweep = Sweep {
             jobs: Jobs::new(&args, plan.declares_seed)?,
             args: &args,
             folder,
             runs,
             terminal,
+            begun,
             ended: 0,
             told: HashSet::new(),
         };
@@ -140,6 +142,8 @@ struct Sweep<'a> {
     runs: Vec<Combination>,
     jobs: Jobs,
     terminal: &'a mut Terminal,
+    /// The names of the runs that were begun before.
+    begun: HashSet<String>,
     /// Runs of this process that have ended, now or before.
     ended: usize,
     /// What runs have written to standard error.
@@ -192,7 +196,8 @@ impl Sweep<'_> {
             let Some(next) = waiting.iter().rposition(|run| jobs::is_free(&self.folder.run(run))) else { break };
             let run = waiting.remove(next);
             self.folder.journal.begun(&run)?;
-            self.jobs.begin(&self.folder, run)?;
+            let was_begun = self.begun.contains(&run.name());
+            self.jobs.begin(&self.folder, run, was_begun)?;
         }
         Ok(())
     }

@@ -192,6 +192,8 @@ impl Engine {
                         own.extend(lambda.params.iter().copied().zip(args));
                         self.lanes(&lambda.body, n, &mut own)
                     }
+                    // Replacements hold for each call by itself.
+                    Closure::Within { .. } => None,
                 }
             }
         }

@@ -54,7 +54,8 @@ pub struct SweepFolder {
 }
 
 impl SweepFolder {
-    /// The folder of a new sweep, or of one that goes on if its record says the same. With `force` files may be there, or have changed.
+    /// The folder of a new sweep, or of one that goes on if its record says the same. With `force` files may be there, and a sweep whose script has
+    /// changed begins anew: no run of the old script counts for the new one.
     /// Processes with different `part`s may work on it at the same time.
     pub fn open(path: &Path, record: &Record, part: Option<&str>, force: bool) -> Result<SweepFolder, Diagnostic> {
         fs::create_dir_all(path).map_err(|e| no_folder(path, &describe_io(&e)))?;
@@ -77,14 +78,11 @@ impl SweepFolder {
             Diagnostic::error("dscene::sweep::folder", message)
                 .help("wait until it has ended, or share the work with it: `--shard 1/2` and `--shard 2/2`")
         })?;
-        let started = before.as_ref().map_or(&record.started, |before| &before.started).clone();
-        let record = Record { started, ..record.clone() };
-        if before.is_none_or(|before| before != record) {
-            let text = serde_json::to_string_pretty(&record).map_err(|e| no_folder(path, &e.to_string()))?;
-            let target = path.join(RECORD);
-            write_atomically(&target, format!("{text}\n").as_bytes()).map_err(|e| cannot_write(&target, &e))?;
-        }
-        Ok(SweepFolder { path: path.to_path_buf(), journal: Journal::of(path), _lock: lock })
+        let journal = Journal::of(path);
+        // Of several processes that begin a changed sweep anew, the first one empties the journal: the others find its record.
+        let written = journal.locked(|lines| Ok(record.replace(path, lines)));
+        written.map_err(|e| cannot_write(path, &e))??;
+        Ok(SweepFolder { path: path.to_path_buf(), journal, _lock: lock })
     }
 
     pub fn path(&self) -> &Path {
@@ -124,6 +122,23 @@ impl Record {
         serde_json::from_slice(&bytes).map(Some).map_err(|e| no_folder(folder, &format!("`{RECORD}` is damaged: {e}")))
     }
 
+    /// Writes the record, where there may be an earlier one of the same sweep or, with its journal, one of another.
+    fn replace(&self, folder: &Path, journal: &mut fs::File) -> Result<(), Diagnostic> {
+        let before = Record::read(folder)?;
+        let goes_on = before.as_ref().is_some_and(|before| before.assert_same(self, folder).is_ok());
+        if before.is_some() && !goes_on {
+            journal.set_len(0).map_err(|e| cannot_write(&folder.join(journal::FILE), &e))?;
+        }
+        let started = before.as_ref().filter(|_| goes_on).map_or(&self.started, |before| &before.started).clone();
+        let record = Record { started, ..self.clone() };
+        if before.is_none_or(|before| before != record) {
+            let text = serde_json::to_string_pretty(&record).map_err(|e| no_folder(folder, &e.to_string()))?;
+            let target = folder.join(RECORD);
+            write_atomically(&target, format!("{text}\n").as_bytes()).map_err(|e| cannot_write(&target, &e))?;
+        }
+        Ok(())
+    }
+
     /// Refuses to go on with other scripts than the sweep was begun with. More values and seeds may be added.
     fn assert_same(&self, now: &Record, folder: &Path) -> Result<(), Diagnostic> {
         let mut changes = Vec::new();
@@ -145,9 +160,8 @@ impl Record {
             return Ok(());
         }
         let message = format!("the sweep in `{}` cannot go on as it began: {}", folder.display(), changes.join(", "));
-        Err(Diagnostic::error("dscene::sweep::changed", message).help(
-            "undo the change, choose a new folder with `--out DIR`, or add `--force` to go on with what is there now",
-        ))
+        Err(Diagnostic::error("dscene::sweep::changed", message)
+            .help("undo the change, choose a new folder with `--out DIR`, or add `--force` to begin it anew"))
     }
 }
 

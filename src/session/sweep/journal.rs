@@ -3,7 +3,7 @@
 //! A line is added in one piece and under a lock, so that lines of several processes do not mix. What a process leaves that dies in the
 //! middle of a line is no line, and skipped.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -70,6 +70,17 @@ impl Journal {
 
     /// How each run has ended last, by its name.
     pub fn read(&self) -> Result<HashMap<String, Entry>, Diagnostic> {
+        Ok(self.lines()?.iter().filter_map(entry_of).collect())
+    }
+
+    /// The names of the runs that have been begun.
+    pub fn begun_runs(&self) -> Result<HashSet<String>, Diagnostic> {
+        let lines = self.lines()?;
+        let begun = lines.iter().filter(|line| line["event"] == "begun");
+        Ok(begun.filter_map(|line| Some(line["run"].as_str()?.to_owned())).collect())
+    }
+
+    fn lines(&self) -> Result<Vec<Value>, Diagnostic> {
         let bytes = match std::fs::read(&self.path) {
             Ok(bytes) => bytes,
             Err(e) if e.kind() == io::ErrorKind::NotFound => Vec::new(),
@@ -79,8 +90,7 @@ impl Journal {
                 return Err(Diagnostic::error("dscene::sweep::folder", message));
             }
         };
-        let lines = bytes.split(|b| *b == b'\n').filter_map(|line| serde_json::from_slice::<Value>(line).ok());
-        Ok(lines.filter_map(|line| entry_of(&line)).collect())
+        Ok(bytes.split(|b| *b == b'\n').filter_map(|line| serde_json::from_slice(line).ok()).collect())
     }
 
     /// How long it is, by which changes are seen.

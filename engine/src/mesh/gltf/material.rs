@@ -30,6 +30,8 @@ struct Described<'a> {
     material: &'a gltf::Material<'a>,
     /// Its texture coordinates: see [`placement`].
     at: (u32, UvTransform),
+    /// The share of its surface that is metal, on average. (A material of glTF is metal where it does not say otherwise.)
+    metal: f32,
     /// What it is called in messages.
     whose: &'a str,
     accessors: &'a Accessors<'a>,
@@ -55,9 +57,6 @@ impl Materials {
             return Ok(Some(known.clone()));
         }
         let name = material.name().map_or_else(|| format!("material {index}"), |n| format!("“{n}”"));
-        if reading.materials() {
-            tell(material, &name, reading);
-        }
         let pbr = material.pbr_metallic_roughness();
         let at = placement(material);
         let mut image = |info: Option<Info>, encoding| -> Option<LoadedImage> {
@@ -70,7 +69,12 @@ impl Materials {
         let base_color = image(pbr.base_color_texture(), Encoding::Srgb);
         let metallic_roughness = image(pbr.metallic_roughness_texture(), Encoding::Linear);
         let emissive_map = image(material.emissive_texture(), Encoding::Srgb);
-        let of = Described { material, at, whose: &name, accessors };
+        let of_metal = metallic_roughness.as_ref().map_or(1.0, |image| mean(&image.channels(2, 1)));
+        let metal = of_metal * pbr.metallic_factor().clamp(0.0, 1.0);
+        let of = Described { material, at, metal, whose: &name, accessors };
+        if reading.materials() {
+            tell(of, reading);
+        }
         let normals = self.normals(of, reading);
         let coat = self.coat(of, reading);
         let sheen = self.sheen(of, reading);
@@ -102,7 +106,7 @@ impl Materials {
             unlit: material.unlit(),
             double_sided: material.double_sided(),
             opacity: opacity(material, base_color.as_ref(), alpha, &name, reading),
-            clear: clear(material, ior, &name, reading),
+            clear: clear(of, ior, reading),
             transmission: transmission.map(|transmission| Transmission { ior, ..transmission }),
             sheen,
             grain,
@@ -128,7 +132,7 @@ impl Materials {
 
     /// The normal map, with its scale.
     fn normals(&mut self, of: Described, reading: &mut Reading) -> Option<LoadedImage> {
-        let Described { material, at, whose, accessors } = of;
+        let Described { material, at, whose, accessors, .. } = of;
         let map = material.normal_texture()?;
         let transform = map.extensions().and_then(|all| all.get("KHR_texture_transform"));
         tell_of_placement(Some(map.tex_coord().into()), transform, at, whose, reading);
@@ -183,7 +187,7 @@ impl Materials {
     /// [`clear`]. The index is left to whoever knows it.
     fn transmission(&mut self, of: Described, reading: &mut Reading) -> Option<Transmission> {
         let (share, is_body) = transmission(of.material)?;
-        if is_body || is_glass(of.material) {
+        if is_body || is_glass(of) {
             return None;
         }
         let map = of.material.extension_value(TRANSMISSION).and_then(|written| written.get("transmissionTexture"));
@@ -307,6 +311,12 @@ fn ior_of(material: &gltf::Material, whose: &str, reading: &mut Reading) -> f32 
     if written == 0.0 { written } else { reading.within([written], 1.0..=f32::MAX, "ior", whose)[0] }
 }
 
+/// The mean of an image's numbers.
+fn mean(image: &LoadedImage) -> f32 {
+    let data = &image.image.data;
+    data.iter().sum::<f32>() / data.len().max(1) as f32
+}
+
 /// The angle of the directions of an image, x and y from −1 to 1 in two channels, if all are the same but for the rounding of a file's bytes.
 fn one_direction(image: &LoadedImage) -> Option<f32> {
     let direction = |texel: &[f32]| [0, 1].map(|c| 2.0 * texel[c] - 1.0);
@@ -333,7 +343,8 @@ fn sampler(texture: &gltf::Texture, whose: &str, reading: &mut Reading) -> (Wrap
 }
 
 /// Reports features of a material that are not supported.
-fn tell(material: &gltf::Material, name: &str, reading: &mut Reading) {
+fn tell(of: Described, reading: &mut Reading) {
+    let Described { material, whose: name, .. } = of;
     let notes = &mut reading.notes;
     if material.occlusion_texture().is_some() {
         notes.about("occlusion textures are left out: rendering computes what they hold", name);
@@ -354,10 +365,10 @@ fn tell(material: &gltf::Material, name: &str, reading: &mut Reading) {
             );
         }
     }
-    let is_metal = material.pbr_metallic_roughness().metallic_factor() >= 1.0;
+    let is_metal = of.metal >= 1.0;
     let known = |name: &str| {
         matches!(name, TRANSMISSION | VOLUME)
-            && (is_metal || transmission(material).is_none_or(|(_, is_body)| !is_body || is_glass(material)))
+            && (is_metal || transmission(material).is_none_or(|(_, is_body)| !is_body || is_glass(of)))
             || [SHEEN, CLEARCOAT, ANISOTROPY].contains(&name)
     };
     for extension in material.extensions().into_iter().flat_map(|e| e.keys()).filter(|name| !known(name)) {
@@ -380,30 +391,30 @@ fn transmission(material: &gltf::Material) -> Option<(f32, bool)> {
 }
 
 /// Whether a surface becomes glass: that of a body which lets most of the light through, and a thin one which lets all through everywhere. Metal lets
-/// nothing through, and a material of glTF is metal where it does not say otherwise.
-fn is_glass(material: &gltf::Material) -> bool {
-    let varies =
-        || material.extension_value(TRANSMISSION).is_some_and(|written| written.get("transmissionTexture").is_some());
-    let metallic = material.pbr_metallic_roughness().metallic_factor();
-    transmission(material).is_some_and(|(share, is_body)| match is_body {
-        true => share * (1.0 - metallic) >= 0.5,
-        false => share == 1.0 && metallic <= 0.0 && !varies(),
+/// nothing through.
+fn is_glass(of: Described) -> bool {
+    let written = of.material.extension_value(TRANSMISSION);
+    let varies = written.is_some_and(|written| written.get("transmissionTexture").is_some());
+    transmission(of.material).is_some_and(|(share, is_body)| match is_body {
+        true => share * (1.0 - of.metal) >= 0.5,
+        false => share == 1.0 && of.metal == 0.0 && !varies,
     })
 }
 
 /// Whether and how light passes a material. What it has beside that is reported.
-fn clear(material: &gltf::Material, ior: f32, name: &str, reading: &mut Reading) -> Option<Clear> {
+fn clear(of: Described, ior: f32, reading: &mut Reading) -> Option<Clear> {
+    let Described { material, whose: name, .. } = of;
     for (extension, what, most) in [(TRANSMISSION, "transmissionFactor", 1.0), (VOLUME, "thicknessFactor", f32::MAX)] {
         let written = material.extension_value(extension).and_then(|e| e[what].as_f64());
         if let Some(x) = written {
             reading.within([x as f32], 0.0..=most, what, name);
         }
     }
-    let (share, is_body) = transmission(material).filter(|_| is_glass(material))?;
+    let (share, is_body) = transmission(material).filter(|_| is_glass(of))?;
     let pbr = material.pbr_metallic_roughness();
     let has = |extension: &str, name: &str| material.extension_value(extension).is_some_and(|e| e.get(name).is_some());
     let is_plain = share == 1.0
-        && pbr.metallic_factor() <= 0.0
+        && of.metal == 0.0
         && (!is_body || pbr.base_color_factor()[..3] == [1.0; 3] && pbr.base_color_texture().is_none())
         && material.normal_texture().is_none()
         && !has(TRANSMISSION, "transmissionTexture");
