@@ -177,6 +177,21 @@ impl Checker<'_> {
     }
 
     fn check_percent(&mut self, args: Arguments) {
+        // `50%` is a half, the half of a percent here.
+        if let Some(percent) = args.get("percent")
+            && let Some(number) = self.sources.text(percent.expr.span).trim_end().strip_suffix('%')
+        {
+            let help = format!("write `{}`", number.trim_end());
+            self.diagnostics.push(
+                Diagnostic::error(
+                    "dscene::value::percent",
+                    "a percentile is a number from 0 to 100, and `%` means a hundredth",
+                )
+                .label(percent.expr.span, "a hundredth of it")
+                .help(help),
+            );
+            return;
+        }
         if let (Some(x), Some(percent)) = (args.number("percent"), args.get("percent"))
             && !(0.0..=100.0).contains(&x)
         {

@@ -329,8 +329,10 @@ impl Checker<'_> {
     pub fn check_beside_sweep(&mut self) {
         let Some(sweep) = self.sweep.as_ref().map(|sweep| sweep.span) else { return };
         let beside = self.action_statements.iter().find(|statement| {
-            let is_sweep = matches!(&statement.kind, StatementKind::Action(ast::Action::Sweep(_)));
-            !is_sweep && statement.span.source == sweep.source
+            // Runs pass over tests.
+            let may_stand =
+                matches!(&statement.kind, StatementKind::Action(ast::Action::Sweep(_)) | StatementKind::Test(_));
+            !may_stand && statement.span.source == sweep.source
         });
         if let Some(statement) = beside {
             self.diagnostics.push(

@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use crate::check::hir::{DeclId, DeclKind, Derivative, DerivativeKind, Expr, Target};
+use crate::check::{self, Reached};
 use crate::diag::Diagnostic;
 use crate::grad::MAX_DIRECTIONS;
 use crate::memory;
@@ -358,12 +359,34 @@ impl Engine {
         })
     }
 
-    /// Central differences (e(p + h) − e(p − h)) / 2h for each element of p. If p is one number, e may be anything made of numbers. Of an array or
+    /// How far each number of a param or field may go down and up: within its bounds and the domains of inputs that it goes to.
+    fn room(&mut self, target: &Target, value: &Tensor) -> Result<Vec<[f64; 2]>> {
+        let is_param = target.path.is_empty() && matches!(self.program.decl(target.decl).kind, DeclKind::Param(_));
+        let bounds = if is_param { self.param_info(target.decl)?.bounds } else { None };
+        let domains: Vec<Reached> = match is_param {
+            true => self.domains().get(&target.decl).cloned().unwrap_or_default(),
+            false => check::domain_of_field(&self.program, target).into_iter().collect(),
+        };
+        let room = |(i, x): (usize, &f64)| {
+            let at = |side: &Tensor| side.data.get(i).copied();
+            let written = bounds.iter().filter_map(|(low, high)| at(low).zip(at(high)));
+            let is_meant = |reached: &&Reached| reached.part.contains(&value.shape, i) && reached.contains(*x);
+            let reached = domains.iter().filter(is_meant).map(|reached| reached.limits(*x));
+            // A number that starts outside is held by none.
+            let held = written.chain(reached).filter(|(low, high)| (*low..=*high).contains(x));
+            held.fold([f64::INFINITY; 2], |[down, up], (low, high)| [down.min(x - low), up.min(high - x)])
+        };
+        Ok(value.data.iter().enumerate().map(room).collect())
+    }
+
+    /// Central differences (e(p + h) − e(p − h)) / 2h for each element of p; where there is no room for that on one side, those of the other,
+    /// (4 e(p + h) − e(p + 2h) − 3 e(p)) / 2h, whose error is of order h² as well. If p is one number, e may be anything made of numbers. Of an array or
     /// an image by several numbers there are some only if `of_all`: they have the shape of e followed by that of p.
     fn differences(&mut self, of: &Expr, target: &Target, step: f64, of_all: bool, span: Span) -> Result<Var> {
         let value = self.target_value(target, span)?;
         let (leaf, _) = temporary(&value, Var::alias, span)?;
         let n = leaf.len();
+        let room = self.room(target, leaf.value())?;
         let mut slopes: Vec<Tensor> = Vec::new();
         // The node remembers what the differences depend on, so that differentiating them is an error and not zero.
         let mut from: Vec<Var> = value.var().into_iter().cloned().collect();
@@ -379,9 +402,22 @@ impl Engine {
                 let (_, shown) = temporary(&value, moved, span)?;
                 self.in_world(vec![(target.clone(), shown)], 0, |e| Ok(e.numbers(of)?.1))
             };
-            let (above, below) = (side(step)?, side(-step)?);
-            let (up, down) = (above.value(), below.value());
-            if up.shape != down.shape || slopes.last().is_some_and(|slope| slope.shape != up.shape) {
+            let [down, up] = room[k];
+            let (h, at) = match down.min(up) >= step {
+                true => (step, vec![(step, 1.0), (-step, -1.0)]),
+                false => {
+                    let h = if up >= down { step.min(up / 2.0) } else { -step.min(down / 2.0) };
+                    (h, vec![(h, 4.0), (2.0 * h, -1.0), (0.0, -3.0)])
+                }
+            };
+            if h == 0.0 {
+                return Err(error::gradient("the bounds of the param leave no room for a difference", span));
+            }
+            let sides = at.iter().map(|(h, _)| side(*h)).collect::<Result<Vec<Var>>>()?;
+            let up = sides[0].value();
+            if sides.iter().any(|side| side.value().shape != up.shape)
+                || slopes.last().is_some_and(|slope| slope.shape != up.shape)
+            {
                 return Err(error::gradient("the expression changes its size with the param", of.span));
             }
             if !of_all && up.data.len() != 1 && !leaf.shape().is_empty() {
@@ -391,10 +427,13 @@ impl Engine {
                 memory::ask_for::<f64>(up.data.len().saturating_mul(n).saturating_mul(2))
                     .map_err(|e| error::memory(e, span))?;
             }
-            let data = up.data.iter().zip(&down.data).map(|(u, d)| (u - d) / (2.0 * step)).collect();
+            let sum = |i: usize| -> f64 {
+                at.iter().zip(&sides).map(|((_, weight), side)| weight * side.value().data[i]).sum()
+            };
+            let data = (0..up.data.len()).map(|i| sum(i) / (2.0 * h)).collect();
             slopes.push(Tensor { shape: up.shape.clone(), data });
             if k == 0 {
-                from.extend([above, below]);
+                from.extend(sides);
             }
         }
         // The numbers of the param are those that vary fastest.

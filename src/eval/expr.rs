@@ -390,6 +390,9 @@ impl Engine {
 
 /// The numbers from `a` to `b`.
 pub(super) fn range(a: f64, b: f64, inclusive: bool, span: Span) -> Result<Value> {
+    if a.is_finite() && a.fract() != 0.0 {
+        return Err(error::value(format!("a range begins with a whole number, this one with {a}"), span));
+    }
     let b = if inclusive { b + 1.0 } else { b };
     let count = (b - a).ceil();
     if count.is_nan() {

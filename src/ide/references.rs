@@ -165,7 +165,7 @@ pub fn rename(analyses: &[Arc<Analysis>], offset: usize, new: &str) -> Result<Ve
         return Ok(Vec::new());
     }
     for analysis in analyses {
-        if let Some(why) = clash(analysis, &origin, new) {
+        if let Some(why) = clash(analysis, &origin, [&old, new]) {
             return Err(why);
         }
     }
@@ -182,8 +182,11 @@ pub fn rename(analyses: &[Arc<Analysis>], offset: usize, new: &str) -> Result<Ve
     Ok(found.into_iter().map(replaced).collect())
 }
 
+/// Names that a sweep's runs give a value or take one from, where the script declares or reports them.
+const OF_SWEEPS: [&str; 2] = ["seed", "seconds"];
+
 /// Why a name cannot have another one.
-fn clash(analysis: &Analysis, origin: &Origin, new: &str) -> Option<String> {
+fn clash(analysis: &Analysis, origin: &Origin, [old, new]: [&str; 2]) -> Option<String> {
     let known = &analysis.known;
     if let Given::Key(field) = &origin.given {
         if field.fields.iter().any(|name| name == new) {
@@ -212,6 +215,14 @@ fn clash(analysis: &Analysis, origin: &Origin, new: &str) -> Option<String> {
             continue;
         }
         let is_local = places.iter().any(|p| matches!(p.symbol, Symbol::Local(_)));
+        if let Some(special) = [old, new].into_iter().find(|name| !is_local && OF_SWEEPS.contains(name)) {
+            return Some(format!("`{special}` has a meaning of its own in sweeps and their tables"));
+        }
+        let file_of = |f: &SourceFile| f.path.clone().unwrap_or_else(|| PathBuf::from(&f.name));
+        let is_elsewhere = || known.sources.iter().any(|(id, f)| id == source && file_of(f) != origin.file);
+        if new.starts_with('_') && !is_local && is_elsewhere() {
+            return Some(format!("{file} uses the name, and those that begin with `_` are their file's own"));
+        }
         let taken = known.lookup(module, new);
         if let Some(id) = taken.filter(|_| !is_local) {
             let decl = known.program.decl(id);

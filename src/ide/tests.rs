@@ -132,6 +132,11 @@ fn names_are_renamed_where_they_mean_the_same() {
     assert_eq!(references(&all, &origin(&all[0], 4).unwrap()).len(), 3);
     assert!(rename(&all, 4, "f").unwrap_err().contains("taken"));
     assert!(rename(&all, 9, "c").unwrap_err().contains("no name here"));
+    // A name of a run's own is one in declarations, not in functions.
+    assert!(rename(&all, 4, "seed").unwrap_err().contains("in sweeps"));
+    assert_eq!(renamed(15, "seconds"), "let a = 1\nfn f(seconds) = seconds\nlet b = \"{a}\" + f(seconds: a)\n");
+    let swept = analysed("param x = 1\nsweep seed in 0..2 { report { x } }\n");
+    assert!(rename(&[swept], 18, "other").unwrap_err().contains("in sweeps"));
 }
 
 #[test]

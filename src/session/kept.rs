@@ -12,10 +12,14 @@ use crate::eval::{Ahead, Engine, Stray};
 use crate::optim::{Geometry, Space};
 use crate::source::Span;
 
-/// How often a step is halved before a number stays where it was.
-const HALVINGS: i32 = 6;
+/// Shares of a step from which on they are halved. Steps that are far too long, as those of a rate that is, are shortened faster.
+const HALVED: f64 = 1.0 / 64.0;
+/// By how much faster: the edge of a domain is approached by a sixteenth of what is left or more with each step.
+const FASTER: f64 = 1.0 / 16.0;
+/// The share of a step below which a number stays where it was: steps may be 1e12 times as long as there is room for.
+const LEAST: f64 = 1e-15;
 /// How often a step is looked at in all. Numbers may be found one after the other.
-const LOOKS: usize = 16;
+const LOOKS: usize = 32;
 
 /// How far each number of each param goes of its step: 1 is all of it.
 struct Shares<'a> {
@@ -42,7 +46,8 @@ impl Shares<'_> {
         let mut is_any = false;
         for (i, share) in shares.iter_mut().enumerate().filter(|(i, _)| is_meant(*i)) {
             if *share > 0.0 && (is_moved || !is_one && moves(i)) {
-                *share = if *share > 0.5f64.powi(HALVINGS) { *share / 2.0 } else { 0.0 };
+                let shorter = if *share > HALVED { 0.5 * *share } else { FASTER * *share };
+                *share = if shorter > LEAST { shorter } else { 0.0 };
                 is_any = true;
             }
         }

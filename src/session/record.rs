@@ -13,7 +13,7 @@ use super::folder::{EVENTS, LOG, RECORD, RunInfo};
 use super::log::Range;
 use super::sweep::is_sweep;
 use crate::diag::Diagnostic;
-use crate::files::{describe_io, is_leftover, is_run_file, read_end, read_own};
+use crate::files::{describe_io, is_leftover, is_run_file, note_input, read_end, read_own};
 use crate::optim::GradientSize;
 use crate::tape::Tensor;
 
@@ -67,7 +67,12 @@ const MOST_FILES: usize = 20_000;
 impl Run {
     /// Reads a run folder. A log that another process is writing is read up to its last whole line.
     pub fn read(folder: &Path) -> Result<Run, Diagnostic> {
-        Run::read_with(folder, Checkpoint::read(folder).ok().map(|checkpoint| checkpoint.state().params()))
+        let checkpoint = Checkpoint::read(folder).ok();
+        // What is made of a run replaces neither its script nor what this read.
+        checkpoint.iter().for_each(Checkpoint::note_inputs);
+        let run = Run::read_with(folder, checkpoint.map(|checkpoint| checkpoint.state().params()))?;
+        run.info.sources.iter().for_each(|source| note_input(Path::new(&source.file)));
+        Ok(run)
     }
 
     /// The same for who knows where the params have come to: a checkpoint may have hundreds of megabytes.

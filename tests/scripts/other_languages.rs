@@ -13,6 +13,7 @@ pub const ROWS: &[Row] = &[
         "stage NAME { … }",
         "optimize fit { using: adam(), stage a { steps: 3 } }",
     ),
+    ("let a = percentile(v, 50%)", "50%", "50", "let a = percentile(v, 50)"),
     ("sweep { k: [1, 2] }", "{", "sweep NAME in [1, 2, 3] { … }", "sweep k in [1, 2, 3] { print k }"),
     ("test { expect c }", "{", "test \"NAME\" { … }", "test \"a\" { expect c }"),
     (

@@ -1,7 +1,8 @@
 //! The REPL from outside, its input piped.
 
 use std::fs;
-use std::process::Output;
+use std::io::{BufRead, BufReader, Write};
+use std::process::{Output, Stdio};
 
 use serde_json::{Value, json};
 
@@ -110,6 +111,45 @@ fn the_repl_saves_the_script_with_present_values() {
     assert_code(&place.dsl(&["check", "found.dscene"]), 0);
 }
 
+/// What the session has neither read as its script nor saved itself is not replaced.
+#[test]
+fn the_repl_saves_over_no_text_that_it_does_not_know() {
+    let place = Place::new();
+    let other = "// thought of for a long time\nlet a = 1\n";
+    place.write("bowl.dscene", BOWL);
+    place.write("other.dscene", other);
+    let session = "let extra = 1\n:save other.dscene\n:save new.dscene\nlet more = 2\n:save new.dscene\n:save bowl.dscene\n\
+                   :save bowl.dscene\n";
+    let output = repl(&place, &["bowl.dscene"], session);
+    let told = stderr(&output);
+    assert_eq!(told.matches("which would be lost").count(), 1, "{told}");
+    assert!(told.contains("cannot save `other.dscene`: there is a file of that name"), "{told}");
+    let text = |name: &str| fs::read_to_string(place.path(name)).unwrap();
+    assert_eq!(text("other.dscene"), other);
+    assert!(text("new.dscene").contains("let more = 2") && text("bowl.dscene") == text("new.dscene"));
+    // A script that was edited meanwhile, with what the session has not read.
+    place.write("bowl.dscene", BOWL);
+    let mut child = std::process::Command::new(assert_cmd::cargo::cargo_bin!("dsl"))
+        .args(["repl", "bowl.dscene"])
+        .current_dir(place.path(""))
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut input = child.stdin.take().unwrap();
+    let mut answers = BufReader::new(child.stdout.take().unwrap()).lines();
+    input.write_all(b"1 + 1\n").unwrap();
+    assert!(answers.next().unwrap().unwrap().starts_with('2'));
+    let edited = format!("{BOWL}// an idea\n");
+    place.write("bowl.dscene", &edited);
+    input.write_all(b":save bowl.dscene\n:reload\n:save bowl.dscene\n").unwrap();
+    drop(input);
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(stderr(&output).matches("has changed since it was read").count(), 1, "{}", stderr(&output));
+    assert!(text("bowl.dscene").contains("// an idea"));
+}
+
 #[test]
 fn in_the_repl_loss_is_the_first_loss() {
     let place = Place::new();
@@ -124,6 +164,7 @@ fn in_the_repl_loss_is_the_first_loss() {
 /// The script that `:save` writes, and what the expressions are in the session and in the script.
 fn saved(place: &Place, script: &str, session: &str, expressions: &[&str]) -> String {
     place.write("s.dscene", script);
+    let _ = fs::remove_file(place.path("out.dscene"));
     let asked: String = expressions.iter().map(|e| format!("print {e}\n")).collect();
     let output = repl(place, &["s.dscene"], &format!("{session}\n:save out.dscene\n{asked}"));
     assert_code(&output, 0);

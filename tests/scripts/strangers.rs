@@ -58,6 +58,44 @@ fn what_a_file_says_in_vain_is_told_the_quiet_too() {
     assert_eq!(run(&["--quiet"]), "");
 }
 
+/// Derivatives and replacements are of declarations: a name of a function or a block is none, whatever is called so outside of it.
+#[test]
+fn a_local_name_does_not_stand_for_the_param_of_its_name() {
+    let place = Place::new();
+    let local = [
+        "fn f(x) = grad(x ^ 2, x)\nprint f(3)",
+        "fn f(x) = jvp(x ^ 2, x)\nprint f(3)",
+        "fn f(x) = fd(x ^ 2, x)\nprint f(3)",
+        "print [grad(x ^ 2, x) for x in [2, 3]]",
+        "let f = x => grad(x ^ 2, x)\nprint f(3)",
+        "fn f(a) {\n  let x = a + 1\n  grad(x ^ 2, x)\n}\nprint f(3)",
+        "fn f(x) = x with { x: 2 }\nprint f(3)",
+    ];
+    for script in local {
+        place.write("a.dscene", format!("param x = 1\n{script}\n"));
+        let told = stderr(&place.dsl(&["check", "a.dscene"]));
+        assert_eq!(told.matches("dscene::").count(), told.matches("dscene::type::param").count(), "{script}: {told}");
+        assert!(told.contains("this `x` is a name of its function or block"), "{script}: {told}");
+    }
+    place.write("a.dscene", "param x = 1\nfn f(y) = grad(y * x ^ 2, x)\nprint f(3), grad(f(2), x)\n");
+    let output = place.dsl(&["run", "a.dscene", "--out", "r", "--quiet"]);
+    assert_eq!(stdout(&output), "6 4\n", "{}", stderr(&output));
+}
+
+/// A function that a `with` gives sees what is replaced, whenever it is called; one more `with` around the call changes nothing of that.
+#[test]
+fn functions_keep_the_with_that_gave_them() {
+    let place = Place::new();
+    let script = "param p = 1\nlet a = 1\nlet f = x => x + 10 * a + 100 * p\nfn g(x) = f(x)\n\
+        let r = { of: f, value: a, list: [x => x + a, x => x * a] }\nlet q = r with { a: 5 }\nlet five = f with { a: 5 }\n\
+        print five(1), f(1), q.of(1), q.value, q.list[0](1), q.list[1](1)\n\
+        print five(1) with { a: 7 }, f(1) with { a: 7 }, five(1) with { p: 2 }, [five(i) for i in 0..2]\n\
+        let moved = f with { a: p }\nprint grad(moved(1), p), grad(f(1), p), grad((g with { a: 3 * p })(1), p)\n";
+    place.write("a.dscene", script);
+    let output = place.dsl(&["run", "a.dscene", "--out", "r", "--quiet"]);
+    assert_eq!(stdout(&output), "151 111 151 5 6 5\n151 171 251 [150, 151]\n110 100 130\n", "{}", stderr(&output));
+}
+
 /// Data from elsewhere has names that are none of the language.
 #[test]
 fn fields_of_loaded_records_may_be_named_in_quotes() {

@@ -132,9 +132,9 @@ fn what_gltf_asks_for_in_vain_is_told_by_name() {
     let expected = [
         "animations are left out: everything is as it stands without them: “walk”",
         "extensions of nodes are left out: EXT_mesh_gpu_instancing of “n”",
-        "extensions of materials are left out: KHR_materials_pbrSpecularGlossiness of “glass”",
         "image “gone.png” of “glass”: there is no such file or folder",
         "images in formats that are not supported are left out: KHR_texture_basisu of “glass”",
+        "extensions of materials are left out: KHR_materials_pbrSpecularGlossiness of “glass”",
         "panes let all light through but for their colour: what they have beside it and their roughness is left out: “glass”",
     ];
     assert_eq!(read(&place, "a.gltf").warnings, expected);

@@ -269,12 +269,37 @@ impl Repl<'_> {
         if self.living.file.as_ref() != Some(&path) {
             spare_inputs(&path)?;
         }
+        self.spare(&path)?;
         let sources = &self.living.engine.program().sources;
         let root = sources.iter().find(|(_, f)| f.path.is_some() && f.path == self.living.file).map(|(id, _)| id);
         let script = script_with_values(&mut self.living.engine, root, &self.typed, Vec::new())?;
         write_atomically(&path, script.as_bytes()).map_err(|e| cannot_write(&path, &e))?;
         self.world.note(&format!("saved {}", path.display()));
+        self.saved.insert(path, script);
         Ok(())
+    }
+
+    /// Refuses to replace a text that this session has neither read as its script nor saved.
+    fn spare(&self, path: &Path) -> Result<(), Diagnostic> {
+        let there = match std::fs::read(path) {
+            Ok(bytes) => bytes.strip_prefix("\u{feff}".as_bytes()).map_or(bytes.clone(), <[u8]>::to_vec),
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(()),
+            Err(e) => return Err(cannot_write(path, &e)),
+        };
+        let is_script = self.living.file.as_deref() == Some(path);
+        let mut sources = self.living.engine.program().sources.iter();
+        let is_known = self.saved.get(path).is_some_and(|text| text.as_bytes() == there)
+            || is_script
+                && sources.any(|(_, file)| file.path.as_deref() == Some(path) && file.text.as_bytes() == there);
+        if is_known {
+            return Ok(());
+        }
+        let (why, help) = match is_script {
+            true => ("it has changed since it was read", "`:reload` reads it again; or give the script another name"),
+            false => ("there is a file of that name", "give the script another name, or remove that file first"),
+        };
+        let message = format!("cannot save `{}`: {why}, which would be lost", path.display());
+        Err(Diagnostic::error("dscene::run::write", message).help(help))
     }
 }
 

@@ -94,10 +94,10 @@ pub struct Inputs {
 }
 
 impl Inputs {
-    /// One more line; the input that it completes, unless that is blank.
+    /// One more line; the input that it completes, unless that is blank. An empty line completes any.
     pub fn line(&mut self, line: &str) -> Option<String> {
         self.open.push_str(line);
-        if completeness(&self.open) == Completeness::Complete {
+        if line.trim().is_empty() || completeness(&self.open) == Completeness::Complete {
             return self.rest();
         }
         self.open.push('\n');

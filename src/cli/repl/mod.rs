@@ -10,8 +10,9 @@ mod show;
 mod undo;
 mod values;
 
+use std::collections::HashMap;
 use std::io::{BufRead, IsTerminal};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde_json::json;
 
@@ -54,6 +55,8 @@ pub struct Repl<'w> {
     world: &'w mut dyn World,
     /// Lines with declarations, for `:save`.
     typed: Vec<SourceId>,
+    /// What this session has saved, by its path.
+    saved: HashMap<PathBuf, String>,
     /// What `_` and `_1` stand for.
     values: Values,
     /// The entries that can be undone, the last one last.
@@ -107,6 +110,7 @@ impl<'w> Repl<'w> {
             living: Living::new(common, interrupt_flag()),
             world,
             typed: Vec::new(),
+            saved: HashMap::new(),
             values: Values::default(),
             undone_by: Vec::new(),
             is_terminal: false,
