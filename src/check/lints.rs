@@ -1,7 +1,9 @@
 //! Lints: what a script may mean, but hardly does; and `// allow(NAME)`, by which it says that it does.
 
 use std::cell::LazyCell;
+use std::collections::hash_map::Entry;
 use std::collections::{BTreeMap, HashMap, HashSet};
+use std::path::{Component, Path, PathBuf};
 
 use super::Loader;
 use super::counts::is_frozen;
@@ -14,7 +16,7 @@ use crate::source::{SharedSet, SourceId, SourceMap, Span};
 use crate::syntax;
 
 /// Codes of the warnings that a script may allow. A name for `allow` is the last word of a code.
-pub const LINTS: [&str; 20] = [
+pub const LINTS: [&str; 21] = [
     "dscene::flow::unused_param",
     "dscene::flow::constant_loss",
     "dscene::flow::left_behind",
@@ -26,6 +28,7 @@ pub const LINTS: [&str; 20] = [
     "dscene::lint::ignored_rate",
     "dscene::lint::ignored_blur",
     "dscene::lint::noisy_target",
+    "dscene::lint::saved_twice",
     "dscene::lint::clipped_target",
     "dscene::lint::missing_field",
     "dscene::lint::missing_unit",
@@ -68,6 +71,7 @@ pub fn check(program: &Program, loader: &dyn Loader) -> Vec<Diagnostic> {
         out.extend(ignored_blurs(o, &mut comparing));
     }
     out.extend(stepped_params(program));
+    out.extend(saved_twice(program));
     out.extend(ignored_rates(program));
     out.extend(no_boundary(program, &roots));
     out.extend(targets::check(program));
@@ -202,6 +206,39 @@ fn idle_stages(o: &Optimize) -> Vec<Diagnostic> {
             ))
     };
     idle.map(told).collect()
+}
+
+/// Files that one action of a run writes and a later one writes again: what the first has saved is lost.
+fn saved_twice(program: &Program) -> Vec<Diagnostic> {
+    let mut first: HashMap<PathBuf, Span> = HashMap::new();
+    let mut told = Vec::new();
+    for action in &program.actions {
+        let path = match action {
+            Action::Save { path, .. } => Some(path),
+            Action::Plot(plot) => plot.path.as_ref(),
+            _ => None,
+        };
+        let Some(path) = path else { continue };
+        let ExprKind::Str(parts) = &path.kind else { continue };
+        let [StrPart::Text(name)] = &parts[..] else { continue };
+        // As in the run's folder, which no path leads out of.
+        let file = Path::new(name).components().filter(|c| matches!(c, Component::Normal(_))).collect();
+        match first.entry(file) {
+            Entry::Vacant(free) => {
+                free.insert(path.span);
+            }
+            Entry::Occupied(before) => told.push(
+                Diagnostic::warning(
+                    "dscene::lint::saved_twice",
+                    format!("`{name}` is written twice: the second replaces the first"),
+                )
+                .label(path.span, "written again")
+                .label(*before.get(), "lost by then")
+                .help("give one of them another name"),
+            ),
+        }
+    }
+    told
 }
 
 /// The `blur` of a loss that compares no pictures by a function of the library.

@@ -33,6 +33,7 @@ impl Checker<'_> {
             }
             "inverse" | "determinant" => self.check_square(name, args),
             "percentile" => self.check_percent(args),
+            "clamp" => self.check_clamp(args),
             "sample" => self.check_last(args.get("uv"), 2, "a place in an image has two coordinates"),
             "project" => self.check_last(args.get("point"), 3, "a point has three coordinates"),
             "concat" => self.check_concat(args),
@@ -172,6 +173,19 @@ impl Checker<'_> {
                 Diagnostic::error("dscene::type::shape", message)
                     .label(matrix.expr.span, format!("this is `{}`", matrix.expr.ty))
                     .help("a system of more equations than unknowns is solved by `inverse(transpose(a) @ a) @ transpose(a) @ b`"),
+            );
+        }
+    }
+
+    fn check_clamp(&mut self, args: Arguments) {
+        let ends = args.number("low").zip(args.number("high"));
+        if let (Some((low, high)), Some(found)) = (ends, args.get("high"))
+            && low > high
+        {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::value::range", format!("`high` must be {low} or more, where `low` ends"))
+                    .label(found.expr.span, format!("this is {high}"))
+                    .help("the lower end stands first: `clamp(x, 0, 1)`"),
             );
         }
     }

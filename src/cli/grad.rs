@@ -88,7 +88,7 @@ fn gradients(args: &GradArgs, loaded: &mut Loaded, terminal: &mut Terminal) -> R
             crate::session::clock::human_seconds(gradient)
         ));
     }
-    Ok(0)
+    measurement.not_finite(&mut loaded.engine, &expr).map_or(Ok(0), Err)
 }
 
 /// The only loss, or the first with a note.

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use crate::check;
 use crate::check::hir::{
-    Call, Callee, DeclId, DeclKind, Expr, FILE_SCENE, FnDecl, Lambda, LocalId, NativeDecl, Rendering, Target,
+    Call, Callee, DeclId, DeclKind, Domain, Expr, FILE_SCENE, FnDecl, Lambda, LocalId, NativeDecl, Rendering, Target,
 };
 use crate::check::text;
 use crate::diag::Diagnostic;
@@ -157,8 +157,12 @@ impl Engine {
             self.warnings.say(span, what, || error::native_warning(&warning, span, spans, &native.name));
         }
         let value = value.map_err(|e| self.unless_unseen(e, values))?;
-        if self.total > 0 && !matches!(value, Value::Num(_)) {
-            self.tell_ranges(native, values, spans, span);
+        if self.ahead.is_none() && !matches!(value, Value::Num(_)) {
+            for (i, param) in native.params.iter().enumerate() {
+                if let (Some(domain), Some(value)) = (param.domain, values.get(i)) {
+                    self.tell_range([&native.name, &param.name], domain, value, (i, spans, span));
+                }
+            }
         }
         match &value {
             Value::Camera(camera) if native.name == "camera" => Ok(self.scaled_film(camera).unwrap_or(value)),
@@ -166,18 +170,23 @@ impl Engine {
         }
     }
 
-    /// Says once where an optimisation has led out of the range of an input that can be computed all the same.
-    fn tell_ranges(&self, native: &NativeDecl, values: &[Value], spans: &[Option<Span>], span: Span) {
-        for (i, param) in native.params.iter().enumerate() {
-            let (Some(domain), Some(Value::Num(numbers))) = (param.domain, values.get(i)) else { continue };
-            let Some(x) = numbers.value().data.iter().find(|x| !domain.contains(**x)) else { continue };
-            let what = format!("`{}` of `{}`", param.name, native.name);
-            self.warnings.say(span, what.clone(), || {
-                let shown = if domain.angle { text::angle_text(*x) } else { text::number_text(*x) };
-                let told = NativeError::at(i, format!("{what} comes to {shown}, which is not {domain}"));
-                error::range_warning(&told, span, spans, &native.name)
-            });
-        }
+    /// Says once where an input lies out of its range that can be computed all the same. `at` is which argument it is, and where all of them and
+    /// the call are.
+    fn tell_range(
+        &self,
+        [function, argument]: [&str; 2],
+        domain: Domain,
+        value: &Value,
+        at: (usize, &[Option<Span>], Span),
+    ) {
+        let (Value::Num(numbers), (i, spans, call)) = (value, at) else { return };
+        let Some(x) = numbers.value().data.iter().find(|x| !domain.contains(**x)) else { return };
+        let what = format!("`{argument}` of `{function}`");
+        self.warnings.say(call, what.clone(), || {
+            let shown = if domain.angle { text::angle_text(*x) } else { text::number_text(*x) };
+            let told = NativeError::at(i, format!("{what} comes to {shown}, which is not {domain}"));
+            error::range_warning(&told, call, spans, function)
+        });
     }
 
     /// The camera with its film scaled by a stage's `film_scale`.
@@ -220,6 +229,9 @@ impl Engine {
             for (i, (param, arg)) in f.params.iter().zip(&args).enumerate() {
                 if let (Some(domain), Some(value)) = (param.domain, arg) {
                     self.watch(domain, [&name, &param.name], value, span, i);
+                    if self.ahead.is_none() && !self.is_library(span) {
+                        self.tell_range([&name, &param.name], domain, value, (i, &[], span));
+                    }
                 }
             }
         }

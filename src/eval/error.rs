@@ -113,7 +113,7 @@ pub(super) fn native_warning(e: &NativeError, call: Span, args: &[Option<Span>],
 /// The diagnostic of an argument that is outside of its range.
 pub(super) fn range_warning(e: &NativeError, call: Span, args: &[Option<Span>], name: &str) -> Diagnostic {
     at_argument(Diagnostic::warning("dscene::run::value", e.message.clone()), e, call, args, name)
-        .help("give the params that it is made of bounds, `param x = … in lo..hi`, within which it stays in its range")
+        .help("keep it there, by `clamp(…)` or by bounds of the params that it is made of, `param x = … in lo..hi`; it is computed all the same")
 }
 
 fn at_argument(diagnostic: Diagnostic, e: &NativeError, call: Span, args: &[Option<Span>], name: &str) -> Diagnostic {

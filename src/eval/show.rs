@@ -326,8 +326,12 @@ fn spread_of(t: &Tensor, text: &dyn Fn(f64) -> String) -> String {
         hi = hi.max(x);
         sum += x;
     }
-    let mean = sum / t.data.len() as f64;
-    format!("{} to {}, mean {}", text(lo), text(hi), text(mean))
+    let nans = t.data.iter().filter(|x| x.is_nan()).count();
+    if nans == t.data.len() {
+        return "all NaN".into();
+    }
+    let mean = if nans > 0 { format!("{nans} NaN") } else { format!("mean {}", text(sum / t.data.len() as f64)) };
+    format!("{} to {}, {mean}", text(lo), text(hi))
 }
 
 /// JSON has no number for what is not finite: `"nan"`, `"inf"` and `"-inf"` say which it was.

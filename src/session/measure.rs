@@ -4,6 +4,7 @@ use serde_json::{Map, Value as Json, json};
 
 use super::clock::{Elapsed, Stopwatch};
 use super::folder::{nested, number};
+use super::retreat::NOT_FINITE;
 use super::show::{GradientRow, gradient_table, plus_minus};
 use super::stats::Moments;
 use crate::check::{self, hir};
@@ -174,6 +175,22 @@ fn add(total: &mut Elapsed, elapsed: Elapsed) {
 }
 
 impl Measurement {
+    /// What is said of a value or a derivative that is not finite, and where in `of` it comes from.
+    pub fn not_finite(&self, engine: &mut Engine, of: &hir::Expr) -> Option<Diagnostic> {
+        let is_finite = |moments: &Moments| moments.mean().iter().all(|x| x.is_finite());
+        let wrong = self.wrt.iter().find(|param| !is_finite(&param.gradient));
+        let message = match (is_finite(&self.value), wrong) {
+            (false, _) => "the value is not finite, and has no gradient".to_owned(),
+            (true, Some(param)) => format!("the derivative with respect to `{}` is not finite", param.name),
+            (true, None) => return None,
+        };
+        let told = Diagnostic::error(NOT_FINITE, message);
+        Some(match engine.origin(of) {
+            Some(origin) => told.label(origin.span, origin.text).label(of.span, "in this"),
+            None => told.label(of.span, "the derivative of this"),
+        })
+    }
+
     /// The object that `dsl grad --json` prints, whose format is stable. With one repeat `std` and `std_error` are null.
     pub fn to_json(&self, file: &str, of: &str, seed: u64, threads: usize) -> Json {
         let first = |data: &[f64]| data.first().map_or(Json::Null, |x| number(*x));

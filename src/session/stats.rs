@@ -64,7 +64,7 @@ pub enum Agreement {
 pub fn agreement(a: f64, a_error: f64, b: f64, b_error: f64) -> Agreement {
     let size = a.abs().max(b.abs());
     let error = (a_error * a_error + b_error * b_error).sqrt();
-    if error > 1e-9 * size || !size.is_finite() {
+    if error > 1e-9 * size || !(a.is_finite() && b.is_finite()) {
         return Agreement::Z(z_score(a, a_error, b, b_error));
     }
     let relative = if size > 0.0 { (a - b).abs() / size } else { 0.0 };

@@ -252,6 +252,20 @@ fn steps_keep_inputs_inside_that_are_no_straight_line() {
     }
 }
 
+/// Steps that are far too long end at the edge as well, not where they began.
+#[test]
+fn steps_of_any_length_lead_to_the_edge() {
+    let scene = "param p = 0.5\nshape ball { mesh: sphere(), material: diffuse(p ^ 2) }\n\
+                 loss l = (p - 2) ^ 2 + 0 * mean(render(eye, spp: 1))\n";
+    for solver in ["sgd(lr: 1)", "sgd(lr: 1e3)", "sgd(lr: 1e7)", "adam(lr: 5)", "adam(lr: 50)", "adam(lr: 1e6)"] {
+        let script = format!("{scene}optimize l {{ using: {solver}, steps: 120 }}\nexpect p > 0.999 and p <= 1\n");
+        let (notes, world) = ran(&script);
+        assert!(notes.len() == 1, "{solver}: {notes:#?}");
+        let told: Vec<&String> = world.diagnostics.iter().map(|d| &d.message).collect();
+        assert_eq!(told, [""; 0], "{solver}");
+    }
+}
+
 /// Of a param of many numbers only those stay that an input depends on where it would leave its domain.
 #[test]
 fn only_numbers_that_would_lead_outside_take_shorter_steps() {

@@ -377,6 +377,21 @@ fn surfaces_of_glass_that_need_not_be_closed_are_not_told() {
     assert_eq!(told(bubble), ["inside_out"]);
 }
 
+#[test]
+fn a_file_that_is_written_twice_is_told() {
+    let again = |first: &str, second: &str| format!("let a = [1, 2]\nsave a to \"{first}\"\n{second}\n");
+    tells(&again("a.json", "save a + 1 to \"a.json\""), &[("saved_twice", "\"a.json\"")]);
+    tells(&again("d//./a.json", "save a + 1 to \"./d/a.json\""), &[("saved_twice", "\"./d/a.json\"")]);
+    tells(&again("a.png", "plot a to \"a.png\"").replace("[1, 2]", "[[1, 2]]"), &[("saved_twice", "\"a.png\"")]);
+    tells(&again("a.json", "save a + 1 to \"b.json\"\nsave a to \"a.csv\""), &[]);
+    tells(&again("a.json", "save a + 1 to \"a.json\" // allow(saved_twice)"), &[]);
+    // Of many, each but the first; steps replace what the ones before them saved.
+    let all = "save 1 to \"a.json\"\nsave 2 to \"a.json\"";
+    tells(&again("a.json", all), &[("saved_twice", "\"a.json\""), ("saved_twice", "\"a.json\"")]);
+    let every = "param x = 1\nloss l = x ^ 2\noptimize l { steps: 4, every 2 { save x to \"x.json\" } }";
+    tells(every, &[]);
+}
+
 /// Rays that begin on one of two faces in one place miss the other.
 #[test]
 fn glass_that_shares_a_face_with_another_shape_is_told() {

@@ -251,6 +251,7 @@ pub const ROWS: &[Row] = &[
 /// Scripts with one mistake, and the text that is to blame: what is to be typed has gaps, or there is nothing to type.
 #[rustfmt::skip]
 pub const ONE_CAUSE: &[(&str, &str)] = &[
+    ("let a = clamp(n, 2, 1)", "1"),
     ("optimize fit { using: adam(), stage a { steps: 3, starts: 2 } }", "starts"),
     ("fn f(alpha, beta: image) = alpha + mean(beta)\nlet a = f(1, b: 2)", "b"),
     ("camera k {\n  position: [0, 1, 0]],\n  fov: 40deg\n}\nprint k.fov", "]"),

@@ -43,6 +43,21 @@ fn commands_that_are_proposed_are_quoted() {
     assert!(stderr(&output).contains("cannot write"), "{}", stderr(&output));
 }
 
+/// Line breaks are blanks, also where a line then looks like one of Python or YAML; and a picture without a number says so.
+#[test]
+fn line_breaks_are_blanks() {
+    let place = Place::new();
+    let script = "let a = 1\nlet b = a\n  with { a:\n    2 }\nlet c =\nif a > 0 then { v:\n 1 } else { v: 2 }\n\
+        let\nred:\ncolor = [1, 0, 0]\nparam\nblue:\ncolor = [0, 0, 1]\nprint b, c.v, red\n\
+        let dark = image([[1, 0 / blue.r]])\nprint dark, image([[0 / blue.r]])\n";
+    place.write("a.dscene", script);
+    let output = place.dsl(&["run", "a.dscene", "--out", "r", "--quiet"]);
+    assert_code(&output, 0);
+    let printed = stdout(&output);
+    assert_eq!(printed.lines().next(), Some("2 1 [1, 0, 0]"), "{printed}");
+    assert!(printed.contains("(1 to 1, 1 NaN)") && printed.contains("(all NaN)"), "{printed}");
+}
+
 /// The quiet are told all the same where a result is not what it seems.
 #[test]
 fn what_a_file_says_in_vain_is_told_the_quiet_too() {
@@ -94,6 +109,48 @@ fn functions_keep_the_with_that_gave_them() {
     place.write("a.dscene", script);
     let output = place.dsl(&["run", "a.dscene", "--out", "r", "--quiet"]);
     assert_eq!(stdout(&output), "151 111 151 5 6 5\n151 171 251 [150, 151]\n110 100 130\n", "{}", stderr(&output));
+}
+
+/// Differences stay within the bounds of a param and the domains of inputs that it goes to, with the same order of error.
+#[test]
+fn differences_keep_within_bounds() {
+    let place = Place::new();
+    let script = "param low = 0 in 0..1\nparam high = 1 in ..1\nparam narrow = 0.5 in 0.495..0.502\nparam ends = [0, 0.5, 1] in 0..1\n\
+        param free = 1\nparam input = 0\ncamera eye { film: [4, 4] }\nlight sky = constant(1)\n\
+        shape ball { mesh: sphere(), material: diffuse(input) }\n\
+        loss l = sqrt(low + 1) + asin(high / 2) / 1rad + log(narrow) + sum(acos(ends / 2)) / 1rad + free ^ 2\n\
+        let none = sqrt(low) + log(1 - ends[2] + 1e-9)\n\
+        expect fd(l, low) ≈ 1 / 2 within 1e-4\nexpect fd(l, high) ≈ 1 / sqrt(3) within 1e-4\nexpect fd(l, narrow) ≈ 2 within 1e-4\n\
+        expect fd(l, ends) ≈ [-0.5, -1 / sqrt(3.75), -1 / sqrt(3)] within 1e-4\nexpect fd(l, free) ≈ 2 within 1e-6\n\
+        expect fd(mean(render(eye, spp: 4)), input) > 0 and fd(none, low) > 0\n";
+    place.write("a.dscene", script);
+    let output = place.dsl(&["run", "a.dscene", "--out", "r", "--quiet"]);
+    assert_code(&output, 0);
+    let output = place.dsl(&["grad", "a.dscene", "--fd", "--of", "l", "--wrt", "ends", "--wrt", "high"]);
+    assert_code(&output, 0);
+    assert!(!stdout(&output).contains("Δ"), "{}", stdout(&output));
+    place.write("a.dscene", "param p = 1 in 1..1\nloss l = p ^ 2\nprint fd(l, p)\n");
+    let told = stderr(&place.dsl(&["run", "a.dscene", "--out", "r", "--force"]));
+    assert!(told.contains("leave no room for a difference"), "{told}");
+}
+
+/// A value or a gradient that is no number is told with where it comes from, and agrees with nothing.
+#[test]
+fn measured_gradients_that_are_not_finite_are_told() {
+    let place = Place::new();
+    for (loss, message, from) in [
+        ("z / z + y", "the value is not finite", "z / z"),
+        ("log(sigmoid(z - 800)) + y", "the value is not finite", "log(sigmoid(z - 800))"),
+    ] {
+        place.write("a.dscene", format!("param z = 0\nparam y = 1\nloss l = {loss}\n"));
+        for flags in [&["--fd"][..], &["--fd", "--repeats", "3"], &[]] {
+            let output = place.dsl(&[&["grad", "a.dscene"], flags].concat());
+            assert_code(&output, 1);
+            let (table, told) = (stdout(&output), stderr(&output));
+            assert!(table.contains("param") && !table.contains("exact") && !table.contains("nan %"), "{table}");
+            assert!(told.contains(message) && told.contains(from), "{told}");
+        }
+    }
 }
 
 /// Data from elsewhere has names that are none of the language.

@@ -168,7 +168,10 @@ pub fn end_of_section(text: &str, at: usize) -> usize {
     }
     let is_block = BLOCKS.contains(&word);
     let is_mapping = line.strip_prefix(word).is_some_and(|colon| colon.trim() == ":");
-    if line.ends_with(':') && (is_block || is_mapping) {
+    // Line breaks are blanks: `with { a:` has its value on the next line, and `let` its name.
+    let opens = line.matches(['{', '[', '(']).count() > line.matches(['}', ']', ')']).count();
+    let is_declared = ["let", "param"].iter().any(|word| text[..at].trim_end().ends_with(word));
+    if line.ends_with(':') && (is_block && !opens || is_mapping && !is_declared) {
         return end_after(text, at, behind().take_while(is_within).count());
     }
     if is_block && !line.contains(['{', ':']) || is_block && line.contains("= ") && !line.contains('{') {
