@@ -168,10 +168,15 @@ impl Record {
 /// Refuses a folder that has anything but another process's beginnings in it.
 fn assert_empty(folder: &Path) -> Result<(), Diagnostic> {
     let entries = fs::read_dir(folder).map_err(|e| no_folder(folder, &describe_io(&e)))?;
-    let is_nothing = |name: &str| name.starts_with(RUN_LOCK) || is_leftover(name);
+    // A journal is begun before the record is written.
+    let is_begun = |name: &str| name == journal::FILE && Journal::of(folder).length() == 0;
+    let is_nothing = |name: &str| name.starts_with(RUN_LOCK) || is_leftover(name) || is_begun(name);
     let names = entries.filter_map(|e| Some(e.ok()?.file_name().to_string_lossy().into_owned()));
-    match names.into_iter().find(|name| !is_nothing(name)) {
-        Some(name) if name != RECORD => Err(no_folder(folder, &format!("there is `{name}`, which is not a sweep's"))),
+    let names: Vec<String> = names.filter(|name| !is_nothing(name)).collect();
+    match names.first() {
+        Some(name) if !names.iter().any(|name| name == RECORD) => {
+            Err(no_folder(folder, &format!("there is `{name}`, which is not a sweep's")))
+        }
         _ => Ok(()),
     }
 }
