@@ -158,7 +158,10 @@ impl Checker<'_> {
         let element = self.expr(element_tree, None).expr;
         self.locals.truncate(depth);
         let is_fine = self.error_count() == errors && mixed.is_none();
-        let value = first.filter(|_| is_fine).and_then(|first| self.each_item(element_tree, clauses, first));
+        let first = first.filter(|_| is_fine);
+        let (value, counted) = first.map_or((None, None), |first| self.each_item(element_tree, clauses, first));
+        // A length that depends on values is known by counting. Lists without items go with those of any length.
+        let count = count.or(counted.filter(|n| *n > 0));
         let mut element_ty = element.ty.clone();
         if let (Some((parts, values)), [clause]) = (mixed, clauses) {
             element_ty = self.each_part(element_tree, clause, &parts, &values);

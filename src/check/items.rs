@@ -7,7 +7,7 @@ use super::infer::{MAX_CONST, Typed, item_of};
 use super::modules::Checker;
 use super::results::is_mixed;
 use super::signature::Const;
-use super::types::Ty;
+use super::types::{Dim, Ty};
 use crate::diag::Diagnostic;
 use crate::source::Span;
 use crate::syntax::ast;
@@ -65,6 +65,8 @@ struct Walk<'e> {
     clauses: &'e [ast::ForClause],
     /// The values of the elements, as long as all are known.
     values: Option<Vec<Const>>,
+    /// How many elements there are so far, as long as it is known which items are left out.
+    count: Dim,
     /// What the loop variables are, and where they stand.
     bound: Vec<(Span, String)>,
     /// What the loop variables were when something was refused.
@@ -72,15 +74,23 @@ struct Walk<'e> {
     left: usize,
 }
 
+impl Walk<'_> {
+    /// What the elements are, and how many, is not known.
+    fn forget(&mut self) {
+        (self.values, self.count) = (None, None);
+    }
+}
+
 impl Checker<'_> {
-    /// Looks at the elements of a comprehension one by one, whose first clause goes over `first`. Gives their values, if all are known.
-    pub fn each_item(&mut self, element: &ast::Expr, clauses: &[ast::ForClause], first: Items) -> Option<Const> {
+    /// Looks at the elements of a comprehension one by one, whose first clause goes over `first`. Gives their values, if all are known, and how many
+    /// they are, if it is known which items are left out.
+    pub fn each_item(&mut self, element: &ast::Expr, clauses: &[ast::ForClause], first: Items) -> (Option<Const>, Dim) {
         if self.at_step.is_some() && first.len() > MOST_IN_RANGE {
-            return None;
+            return (None, None);
         }
-        let mut walk =
-            Walk { element, clauses, values: Some(Vec::new()), bound: Vec::new(), refused: None, left: MOST_ITEMS };
-        let (_, errors) = self.tried(MOST_WORK, |checker| checker.go_over(&mut walk, 0, &first));
+        let (values, bound) = (Some(Vec::new()), Vec::new());
+        let mut walk = Walk { element, clauses, values, count: Some(0), bound, refused: None, left: MOST_ITEMS };
+        let (whole, errors) = self.tried(MOST_WORK, |checker| checker.go_over(&mut walk, 0, &first));
         let (values, refused) = (walk.values, walk.refused.unwrap_or_default());
         for error in errors {
             // Files of a series may come into being before they are read.
@@ -89,7 +99,9 @@ impl Checker<'_> {
                 self.diagnostics.push(refused.iter().fold(error, label));
             }
         }
-        values.map(Const::List).filter(|list| list.size() <= MAX_CONST)
+        // What was left unfinished is not known.
+        let count = whole.and(walk.count);
+        (values.map(Const::List).filter(|list| list.size() <= MAX_CONST), count)
     }
 
     /// Looks at what a clause gives for these items, until something is refused.
@@ -98,12 +110,12 @@ impl Checker<'_> {
         let Some(clause) = clauses.get(at) else { return };
         let n = items.len();
         if n > MOST_ITEMS {
-            walk.values = None;
+            walk.forget();
         }
         let all = (0..n.min(MOST_ITEMS)).map(|i| if i + 1 == MOST_ITEMS { n - 1 } else { i });
         for value in all.filter_map(|i| items.get(i)) {
             if walk.left == 0 || !self.spend(1) {
-                walk.values = None;
+                walk.forget();
                 return;
             }
             walk.left -= usize::from(at + 1 == clauses.len());
@@ -145,11 +157,12 @@ impl Checker<'_> {
         match taken {
             _ if self.error_count() > errors => {}
             // Only the run knows whether there is such an element.
-            None => walk.values = None,
+            None => walk.forget(),
             Some(false) => {}
             Some(true) => match walk.clauses.get(at + 1) {
                 Some(next) => self.go_into(walk, at + 1, next),
                 None => {
+                    walk.count = walk.count.map(|n| n + 1);
                     let value = self.expr(walk.element, None).value;
                     walk.values = walk.values.take().zip(value).map(|(mut all, value)| {
                         all.push(value);
@@ -159,7 +172,8 @@ impl Checker<'_> {
             },
         }
         if self.error_count() > errors && walk.refused.is_none() {
-            (walk.refused, walk.values) = (Some(walk.bound.clone()), None);
+            walk.refused = Some(walk.bound.clone());
+            walk.forget();
         }
     }
 
@@ -169,7 +183,7 @@ impl Checker<'_> {
         let known = item_of(&list.expr.ty).filter(|_| !is_mixed(&list.expr.ty));
         match known.and_then(|(item, _)| Items::known(&list, &item)) {
             Some(items) => self.go_over(walk, at, &items),
-            None => walk.values = None,
+            None => walk.forget(),
         }
     }
 }
