@@ -2,9 +2,10 @@
 
 use std::sync::Arc;
 
-use super::call::{Given, MAX_CALL_DEPTH, Site, plural, unknown_as_error};
+use super::call::{Given, MAX_CALL_DEPTH, Site, is_one_type, plural, unknown_as_error, variables};
 use super::hir::{self, Callee, DeclId, ExprKind};
 use super::infer::{Typed, join, typed};
+use super::known::named_lengths;
 use super::modules::{Checker, Instance, Signature, State};
 use super::signature::{Const, Function, FunctionKey, Sig};
 use super::types::Ty;
@@ -219,38 +220,56 @@ impl Checker<'_> {
         slots.into_iter().flatten().collect()
     }
 
-    /// Checks a function that is given for a parameter of function type: it must accept the declared arguments and return the declared
-    /// type.
-    pub fn check_function_argument(&mut self, sig: &Sig, param: &str, arg: &Typed, site: Site) {
-        let (Sig::Fn(params, result), Some(Const::Function(function))) = (sig, &arg.value) else { return };
-        let (least, most) = match &arg.expr.ty {
+    /// Checks the functions of a value, which may be one or have some in its lists and records, against the types declared for them: a function
+    /// must accept the arguments with which it will be called, and return the declared type. `of` says in a message whose they are.
+    pub fn check_functions(&mut self, sig: &Sig, found: &Typed, of: &str) {
+        if let Some(value) = found.value.as_ref().filter(|value| sig.accepts(&found.expr.ty, Some(value))) {
+            self.check_functions_within(sig, (&found.expr.ty, value), found.expr.span, of);
+        }
+    }
+
+    fn check_functions_within(&mut self, sig: &Sig, (ty, value): (&Ty, &Const), span: Span, of: &str) {
+        match (sig, ty, value) {
+            (Sig::Fn(..), _, Const::Function(function)) => self.check_function(sig, (ty, function), span, of),
+            (Sig::List(item, _), Ty::Array(found, _), Const::List(values)) => {
+                values.iter().for_each(|value| self.check_functions_within(item, (found, value), span, of));
+            }
+            (Sig::List(item, _), Ty::Tuple(found), Const::List(values)) => {
+                let all = found.iter().zip(values);
+                all.for_each(|found| self.check_functions_within(item, found, span, of));
+            }
+            (Sig::Record(fields), Ty::Record(found), Const::Record(values)) => {
+                for (name, sig) in fields {
+                    let ty = found.iter().find(|(n, _)| n == name).map(|(_, ty)| ty);
+                    let value = values.iter().find(|(n, _)| n == name).map(|(_, value)| value);
+                    if let Some(found) = ty.zip(value) {
+                        self.check_functions_within(sig, found, span, of);
+                    }
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn check_function(&mut self, sig: &Sig, (ty, function): (&Ty, &Arc<Function>), span: Span, of: &str) {
+        let Sig::Fn(params, result) = sig else { return };
+        let (least, most) = match ty {
             Ty::Fn(found, _) => (self.required(function).unwrap_or(found.len()), found.len()),
             _ => return,
         };
-        let span = arg.expr.span;
-        if !(least..=most).contains(&params.len()) {
+        let message = if !(least..=most).contains(&params.len()) {
             let (found, wanted) = (if least > params.len() { least } else { most }, params.len());
-            self.diagnostics.push(
-                Diagnostic::error(
-                    "dscene::type::mismatch",
-                    format!("`{param}` of `{}` is called with {wanted} argument{}", site.name, plural(wanted)),
-                )
-                .label(span, format!("takes {found}"))
-                .help(format!("it is `{sig}`")),
-            );
-            return;
-        }
-        let args: Vec<Typed> = params.iter().map(|p| typed(ExprKind::Error, span, p.ty())).collect();
-        let (found, value) = self.applied(function, &args, span, span);
-        if !result.accepts(&found, value.as_ref()) {
-            self.diagnostics.push(
-                Diagnostic::error(
-                    "dscene::type::mismatch",
-                    format!("`{param}` of `{}` gives `{result}`, this one `{found}`", site.name),
-                )
-                .label(span, format!("gives `{found}`"))
-                .help(format!("it is `{sig}`")),
-            );
+            let message = format!("{of} is called with {wanted} argument{}", plural(wanted));
+            Some((message, format!("takes {found}")))
+        } else {
+            let args: Vec<Typed> = params.iter().map(|p| typed(ExprKind::Error, span, p.ty())).collect();
+            let (found, value) = self.applied(function, &args, span, span);
+            let message = format!("{of} gives `{result}`, this one `{found}`");
+            (!result.accepts(&found, value.as_ref())).then(|| (message, format!("gives `{found}`")))
+        };
+        if let Some((message, label)) = message {
+            let told = Diagnostic::error("dscene::type::mismatch", message).label(span, label);
+            self.diagnostics.push(told.help(format!("it is `{sig}`")));
         }
     }
 
@@ -334,7 +353,7 @@ impl Checker<'_> {
         for (i, (param, arg)) in signature.params.iter().zip(args).enumerate() {
             if param.sig.accepts(&arg.expr.ty, arg.value.as_ref()) {
                 self.bind_variable(&param.sig, i, arg, &found, &mut bound, site);
-                self.check_function_argument(&param.sig, &param.name, arg, site);
+                self.check_functions(&param.sig, arg, &format!("`{}` of `{name}`", param.name));
                 let arg = self.coerce(&param.sig, arg.clone());
                 found.push(Some(arg));
             } else {
@@ -348,7 +367,7 @@ impl Checker<'_> {
         }
         match self.slot(id).hir.kind {
             hir::DeclKind::Native(_) => self.native_result(id, &signature, &mut found, &bound, site),
-            _ => self.checked_instance(id, &signature, &found, span, site),
+            _ => self.checked_instance(id, &signature, &found, &bound, span, site),
         }
     }
 
@@ -358,6 +377,7 @@ impl Checker<'_> {
         id: DeclId,
         signature: &Signature,
         found: &[Option<Typed>],
+        bound: &[(char, usize, Ty)],
         span: Span,
         site: Site,
     ) -> (Ty, Option<Const>) {
@@ -368,7 +388,46 @@ impl Checker<'_> {
         if self.error_count() > errors {
             return (signature.result.as_ref().map_or(Ty::Error, |r| unknown_as_error(r.ty())), None);
         }
-        self.instance(id, signature, found, span, site)
+        let (ty, value) = self.instance(id, signature, found, span, site);
+        self.check_what_is_given(signature, (found, bound), &ty, span, site);
+        (ty, value)
+    }
+
+    /// Checks that what a call gives has the lengths and types that are declared for it by the names that the arguments gave them.
+    fn check_what_is_given(
+        &mut self,
+        signature: &Signature,
+        (found, bound): (&[Option<Typed>], &[(char, usize, Ty)]),
+        ty: &Ty,
+        span: Span,
+        site: Site,
+    ) {
+        let Some(result) = signature.result.as_ref().filter(|_| !ty.is_unknown()) else { return };
+        let lengths = named_lengths(&signature.result_lens, ty);
+        for (name, length) in lengths {
+            let args = signature.params.iter().zip(found).filter_map(|(p, arg)| Some((p, arg.as_ref()?)));
+            let mut known = args.flat_map(|(param, arg)| {
+                let all = named_lengths(&param.lens, &arg.expr.ty).into_iter();
+                all.map(|(of, n)| (of, n, param.name.as_str(), arg.expr.span))
+            });
+            if let Some((_, n, param, place)) = known.find(|(of, n, ..)| *of == name && *n != length) {
+                let message = format!("what `{}` gives has the length `{name}` of `{param}`", site.name);
+                let told = Diagnostic::error("dscene::type::shape", message);
+                let told = told.label(span, format!("gives {length}")).label(place, format!("{n} long"));
+                self.diagnostics.push(told);
+            }
+        }
+        for (letter, part) in variables(result, ty) {
+            let Some((_, at, known)) = bound.iter().find(|(c, ..)| *c == letter) else { continue };
+            if !is_one_type(known, &part)
+                && let Some(Some(arg)) = found.get(*at)
+            {
+                let message = format!("`{}` gives `{ty}`, but is declared to give `{result}`", site.name);
+                let told = Diagnostic::error("dscene::type::mismatch", message).label(span, format!("gives `{ty}`"));
+                let label = format!("by this `{letter}` is `{known}`");
+                self.diagnostics.push(told.label(arg.expr.span, label));
+            }
+        }
     }
 
     /// Checks a function's body for these argument types. Errors in it are reported with the call that leads to them.

@@ -4,7 +4,7 @@ use super::arguments::Arguments;
 use super::arith::{image_sizes, together};
 use super::declare::broken;
 use super::hir::{self, Callee, DeclId, DerivativeKind, ExprKind};
-use super::infer::{Typed, typed};
+use super::infer::{Typed, item_of, typed};
 use super::modules::{Checker, SigParam, Signature, State};
 use super::results;
 use super::signature::{Const, Sig, any_image, fits};
@@ -178,7 +178,7 @@ impl Checker<'_> {
             let arg = self.expr(given.value, Some(sig));
             let arg = if sig.accepts(&arg.expr.ty, arg.value.as_ref()) {
                 self.bind_variable(sig, i, &arg, &found, &mut bound, site);
-                self.check_function_argument(sig, &signature.params[i].name, &arg, site);
+                self.check_functions(sig, &arg, &format!("`{}` of `{}`", signature.params[i].name, site.name));
                 self.check_count(sig, &signature.params[i].name, &arg.expr);
                 self.coerce(sig, arg)
             } else {
@@ -199,7 +199,7 @@ impl Checker<'_> {
         } else if native {
             self.native_result(id, &signature, &mut found, &bound, site)
         } else {
-            self.checked_instance(id, &signature, &found, span, site)
+            self.checked_instance(id, &signature, &found, &bound, span, site)
         };
         let mut args = Vec::new();
         for (i, arg) in found.into_iter().enumerate() {
@@ -312,35 +312,36 @@ impl Checker<'_> {
         bound: &mut Vec<(char, usize, Ty)>,
         site: Site,
     ) {
-        let Sig::Var(letter) = sig else { return };
-        let ty = &arg.expr.ty;
-        if ty.is_unknown() {
-            return;
-        }
-        let Some((_, first, known)) = bound.iter().find(|(c, ..)| c == letter) else {
-            bound.push((*letter, index, ty.clone()));
-            return;
-        };
-        if let Some(both) = together(known, ty) {
-            let letter = *letter;
-            bound.iter_mut().filter(|(c, ..)| *c == letter).for_each(|(.., known)| *known = both.clone());
-            return;
-        }
-        if known == ty || fits(known, ty) || fits(ty, known) {
-            return;
-        }
-        let (first, known) = (*first, known.clone());
-        let Some(Some(first)) = found.get(first) else { return };
-        if !self.report_sizes(first, arg, site) && !self.report_units(first, arg, site) {
-            self.diagnostics.push(
-                Diagnostic::error(
-                    "dscene::type::shape",
-                    format!("`{}` does not go with `{known}` and `{ty}`", site.name),
-                )
-                .label(arg.expr.span, format!("this is `{ty}`"))
-                .label(first.expr.span, format!("this is `{known}`"))
-                .help("both must have the same shape"),
-            );
+        for (letter, ty) in variables(sig, &arg.expr.ty) {
+            if ty.is_unknown() {
+                continue;
+            }
+            let Some((_, first, known)) = bound.iter_mut().find(|(c, ..)| *c == letter) else {
+                bound.push((letter, index, ty));
+                continue;
+            };
+            if let Some(both) = together(known, &ty) {
+                *known = both;
+                continue;
+            }
+            if is_one_type(known, &ty) {
+                continue;
+            }
+            let (first, known) = (*first, known.clone());
+            // Within one argument, items of two types are told where they are written.
+            let Some(Some(first)) = found.get(first) else { continue };
+            if !self.report_sizes(first, arg, site) && !self.report_units(first, arg, site) {
+                let has_shape = |ty: &Ty| matches!(ty.without_unit(), Some((_, false)));
+                let (code, help) = match has_shape(&known) && has_shape(&ty) {
+                    true => ("dscene::type::shape", "both must have the same shape"),
+                    false => ("dscene::type::mismatch", "both must be of one type"),
+                };
+                let message = format!("`{}` does not go with `{known}` and `{ty}`", site.name);
+                let told = Diagnostic::error(code, message)
+                    .label(arg.expr.span, format!("this is `{}`", arg.expr.ty))
+                    .label(first.expr.span, format!("this is `{}`", first.expr.ty));
+                self.diagnostics.push(told.help(help));
+            }
         }
     }
 
@@ -455,6 +456,29 @@ impl Checker<'_> {
 
     pub fn error_count(&self) -> usize {
         self.diagnostics.errors()
+    }
+}
+
+/// Whether a type variable may stand for both types: for one of them, or for the shape to which they are broadcast.
+pub fn is_one_type(a: &Ty, b: &Ty) -> bool {
+    a == b || fits(a, b) || fits(b, a) || together(a, b).is_some()
+}
+
+/// What the type variables of a declared type, in the lists and records of it too, stand for in a type that it accepts.
+pub fn variables(sig: &Sig, ty: &Ty) -> Vec<(char, Ty)> {
+    match (sig, ty) {
+        (Sig::Var(letter), ty) => vec![(*letter, ty.clone())],
+        (Sig::List(item, _), Ty::Tuple(items)) => items.iter().flat_map(|ty| variables(item, ty)).collect(),
+        // Nothing is known of the items of an empty list.
+        (Sig::List(item, _), ty) => match item_of(ty) {
+            Some((found, n)) if n != Some(0) => variables(item, &found),
+            _ => Vec::new(),
+        },
+        (Sig::Record(fields), Ty::Record(found)) => {
+            let field = |name: &String| found.iter().find(|(n, _)| n == name).map(|(_, ty)| ty);
+            fields.iter().filter_map(|(name, sig)| Some(variables(sig, field(name)?))).flatten().collect()
+        }
+        _ => Vec::new(),
     }
 }
 

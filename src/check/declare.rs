@@ -81,8 +81,9 @@ impl Checker<'_> {
         });
         let params = params.collect();
         let result = f.result.as_ref().map(|t| self.sig(t));
+        let result_lens = f.result.as_ref().map(named_lengths).unwrap_or_default();
         self.module = module;
-        let signature = Arc::new(Signature { params, result });
+        let signature = Arc::new(Signature { params, result, result_lens });
         self.slot_mut(id).signature = Some(signature.clone());
         Some(signature)
     }
@@ -140,6 +141,7 @@ impl Checker<'_> {
             self.diagnostics.push(diagnostic);
             return Typed { expr: hir::Expr { ty: sig.ty(), ..typed.expr }, value: None };
         }
+        self.check_functions(&sig, &typed, &format!("a `{sig}`"));
         self.coerce(&sig, typed)
     }
 
@@ -366,6 +368,7 @@ impl Checker<'_> {
                         .help_opt(help),
                     );
                 }
+                self.check_functions(&declared.sig, &typed, &format!("`{}`", declared.name));
                 self.coerce(&declared.sig, typed).expr
             });
             let local = self.new_local(&param.name.text, declared.sig.ty(), None);
@@ -391,6 +394,7 @@ impl Checker<'_> {
 
     /// Reports a function's result that is not what it is declared to give.
     pub fn check_result(&mut self, f: &ast::Fn, wanted: &Sig, found: &Typed) {
+        self.check_functions(wanted, found, &format!("the result of `{}`", f.name.text));
         let Some(body) = f.body.as_ref().filter(|_| !wanted.accepts(&found.expr.ty, found.value.as_ref())) else {
             return;
         };

@@ -5,7 +5,7 @@ use std::sync::LazyLock;
 use super::hir::{Callee, Expr, ExprKind, Program, Target};
 use super::infer::{Typed, item_of, typed};
 use super::library::constructors;
-use super::modules::{Checker, is_private};
+use super::modules::{Checker, ModuleId, is_private};
 use super::signature::Const;
 use super::types::{Dim, Ty};
 use crate::diag::{Diagnostic, did_you_mean, suggest};
@@ -50,6 +50,22 @@ impl Checker<'_> {
                 .help_opt(help),
         );
         Some(Err(()))
+    }
+
+    /// Reports the name of an import if a declaration has it too, or something that another import brings.
+    pub fn check_alias(&mut self, module: ModuleId, alias: &ast::Name) {
+        if let Some(&own) = self.modules[module].names.get(alias.text.as_str()) {
+            let own = self.slot(own).name.span;
+            self.report_alias(alias, [Some((alias.span, "an import is called so")), Some((own, "declared here"))]);
+        }
+    }
+
+    /// Reports a name that an import and a declaration have: before a dot it would mean the one, elsewhere the other.
+    pub fn report_alias(&mut self, name: &ast::Name, places: [Option<(Span, &str)>; 2]) {
+        let told = Diagnostic::error("dscene::name::duplicate", format!("`{}` is declared twice", name.text));
+        let told = places.into_iter().flatten().fold(told, |told, (span, text)| told.label(span, text));
+        self.diagnostics
+            .push(told.help(format!("call one of them otherwise, such as the import: `as {}_2`", name.text)));
     }
 
     /// A field or swizzle of a value.

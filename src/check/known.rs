@@ -157,15 +157,8 @@ impl Checker<'_> {
         let mut known: Vec<(&str, usize, Span, &str)> = Vec::new();
         for (param, arg) in signature.params.iter().zip(found) {
             let Some(arg) = arg else { continue };
-            for (axis, name) in &param.lens {
-                let mut ty = arg.expr.ty.clone();
-                let mut length = None;
-                for _ in 0..=*axis {
-                    let Some((item, n)) = super::infer::item_of(&ty) else { break };
-                    (ty, length) = (item, n);
-                }
-                let Some(length) = length else { continue };
-                match known.iter().find(|(n, ..)| n == name) {
+            for (name, length) in named_lengths(&param.lens, &arg.expr.ty) {
+                match known.iter().find(|(n, ..)| *n == name) {
                     None => known.push((name, length, arg.expr.span, &param.name)),
                     Some((_, first, ..)) if *first == length => {}
                     Some((_, first, span, other)) => self.diagnostics.push(
@@ -202,6 +195,15 @@ impl Checker<'_> {
             );
         }
     }
+}
+
+/// The axes of a type whose lengths have names and are known.
+pub fn named_lengths<'a>(lens: &'a [(usize, String)], ty: &Ty) -> Vec<(&'a str, usize)> {
+    let length = |axis: usize| {
+        let outer = (0..axis).try_fold(ty.clone(), |ty, _| Some(super::infer::item_of(&ty)?.0))?;
+        super::infer::item_of(&outer)?.1
+    };
+    lens.iter().filter_map(|(axis, name)| Some((name.as_str(), length(*axis)?))).collect()
 }
 
 /// Number of triangles of a built-in mesh, if its arguments are known.

@@ -78,6 +78,8 @@ pub struct Slot {
 pub struct Signature {
     pub params: Vec<SigParam>,
     pub result: Option<Sig>,
+    /// As the axes of parameters.
+    pub result_lens: Vec<(usize, String)>,
 }
 
 #[derive(Debug)]
@@ -463,11 +465,12 @@ impl<'l> Checker<'l> {
                 _ => self.add_declaration(module, statement, lines),
             }
         }
-        for statement in imports {
-            if let StatementKind::Import(import) = &statement.kind {
-                self.import(module, import);
-            }
-        }
+        let all = imports.iter().filter_map(|statement| match &statement.kind {
+            StatementKind::Import(import) => Some(import),
+            _ => None,
+        });
+        all.clone().for_each(|import| self.import(module, import));
+        all.filter_map(|import| import.alias.as_ref()).for_each(|alias| self.check_alias(module, alias));
         sweeps.iter().for_each(|statement| self.declare_variables(module, statement, lines));
     }
 
@@ -498,6 +501,9 @@ impl<'l> Checker<'l> {
                     .help("declarations are values, not variables: give the second one another name"),
             );
             return;
+        }
+        if self.modules[module].aliases.contains_key(&name.text) {
+            self.report_alias(&name, [Some((name.span, "an import is called so already")), None]);
         }
         let id = DeclId(u32::try_from(self.slots.len()).unwrap_or(u32::MAX));
         let user = self.modules[module].user;

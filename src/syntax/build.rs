@@ -320,6 +320,7 @@ impl Builder<'_> {
 
     /// `in 0<..1`
     fn domain(&mut self, pair: P) -> ast::Domain {
+        let span = self.span(&pair);
         let mut domain = ast::Domain {
             low: f64::NEG_INFINITY,
             high: f64::INFINITY,
@@ -352,6 +353,14 @@ impl Builder<'_> {
                 }
                 _ => {}
             }
+        }
+        let has_one = domain.low == domain.high && !domain.above_low && !domain.below_high;
+        if domain.low >= domain.high && !has_one {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::bounds", "no number lies in this range")
+                    .label(span, "an empty range")
+                    .help("write `in lo..hi` with lo < hi"),
+            );
         }
         domain
     }

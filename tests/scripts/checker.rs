@@ -622,6 +622,17 @@ fn imports_of_one_name_are_told() {
     let found = errors("import std.studio as s\nimport std.presets as s\nprint s.gold.reflectance");
     assert_eq!(found.first().map(|d| d.code), Some("dscene::name::duplicate"), "{found:#?}");
     assert!(errors("import std.studio as s\nimport std.studio as s\nlet k = 1").is_empty());
+    for script in [
+        "import std.studio as m\nlet m = { b: 1 }",
+        "param m = 1\nimport std.studio as m",
+        "import std.presets\nimport std.studio as gold",
+    ] {
+        let found = errors(script);
+        assert_eq!(found.len(), 1, "{script}");
+        assert_eq!((found[0].code, found[0].labels.len()), ("dscene::name::duplicate", 2), "{script}");
+    }
+    // Within a function its own names come first, as they do before other declarations.
+    close(&value("import std.studio as m\nfn f(m) = m.b\nlet y = f({ b: 2 })", "y"), &json!(2), "a parameter");
 }
 
 /// A blank between the digits of a number keeps the place of its first ones.

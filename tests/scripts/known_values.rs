@@ -221,3 +221,74 @@ fn what_is_tried_with_known_values_is_bounded() {
     assert_eq!(told(&script), Vec::<String>::new());
     assert!(start.elapsed().as_secs() < 60, "{:?}", start.elapsed());
 }
+
+#[test]
+fn the_length_of_a_comprehension_with_known_conditions_is_part_of_its_type() {
+    let two = |script: &str| format!("let x = [i for i in 0..3 if i > 0]\n{script}");
+    refused_for(
+        &[
+            ("let y = x + [1, 2, 3]", "dscene::type::shape"),
+            ("let y = [1, 2, 3] < x", "dscene::type::shape"),
+            ("let y = mse(x, [1, 2, 3])", "dscene::type::shape"),
+            ("let y = zip(x, [1, 2, 3])", "dscene::type::shape"),
+            ("let y = x.z", "dscene::name::field"),
+            ("let y = x[0..3]", "dscene::type::index"),
+            ("let y: vec3 = x", "dscene::type::mismatch"),
+            ("fn f(a: vec3) = a\nlet y = f(x)", "dscene::type::mismatch"),
+            ("fn f(a: scalar[n], b: scalar[n]) = a\nlet y = f(x, [1, 2, 3])", "dscene::type::shape"),
+            ("let y = [[1, 2, 3], x]", "dscene::type::shape"),
+            ("let y = [j for i in 0..3 for j in 0..i] + [1, 2]", "dscene::type::shape"),
+            ("param p = 1\nlet y = [p for i in 0..3 if i > 0] + [1, 2, 3]", "dscene::type::shape"),
+            ("let k = 0\nlet y = ([i for i in 0..3 if i > k] + [1, 2]) with { k: -1 }", "dscene::type::shape"),
+        ]
+        .map(|(script, code)| (two(script), code)),
+    );
+    let late = "param p = 0\nlet late = sum(noise([1]) ^ 0)\nlet k = 0\n";
+    for (text, wanted) in [
+        ("x + [1, 2]", json!([2, 4])),
+        ("[i for i in 0..3 if i > p] + [1, 2]", json!([2, 4])),
+        ("[i for i in 0..3 if i > 1 - late] + [1, 2]", json!([2, 4])),
+        ("[i for i in 0..4 if i > k] + [1, 2, 3]", json!([2, 4, 6])),
+        ("(2 * [i for i in 0..4 if i > k]) with { k: 1 }", json!([4, 6])),
+        ("[i for i in 0..3 if i > 9] == [1, 2]", json!(false)),
+        ("sum([i for i in 0..3 if i > 9])", json!(0)),
+        ("len([i for i in 0..5000 if i > 4990])", json!(9)),
+    ] {
+        let script = two(&format!("{late}let y = {text}"));
+        close(&value(&script, "y"), &wanted, text);
+    }
+}
+
+#[test]
+fn declared_types_hold_for_functions_lengths_and_type_variables() {
+    refused_for(
+        &[
+            ("let g: (scalar) => scalar = x => x * 1deg", "dscene::type::mismatch"),
+            ("let g: { f: (scalar) => scalar } = { f: x => x * 1deg }", "dscene::type::mismatch"),
+            ("let g: (scalar) => vec3 = x => [x, x]", "dscene::type::mismatch"),
+            ("fn g(): (scalar) => scalar = x => x * 1deg", "dscene::type::mismatch"),
+            ("fn g(f: (scalar) => scalar = x => x * 1deg) = f(1)", "dscene::type::mismatch"),
+            ("fn f(x: scalar[n]): scalar[n] = [1, 2]\nlet y = f([1, 2, 3])", "dscene::type::shape"),
+            ("fn f(x: scalar[n]): scalar[n] = x[1..]\nlet y = f([1, 2, 3])", "dscene::type::shape"),
+            ("fn f(x: Q): Q = 1\nlet y = f(3deg)", "dscene::type::mismatch"),
+            ("fn f(x: T): T[] = [1]\nlet y = f(\"a\")", "dscene::type::mismatch"),
+            ("fn f(x: Q[], y: Q) = len(x)\nlet y = f([1deg], 2)", "dscene::type::unit"),
+            ("fn f(x: T[], y: T) = len(x)\nlet y = f([\"a\"], 2)", "dscene::type::mismatch"),
+            ("fn f(x: { a: Q }, y: Q) = y\nlet y = f({ a: 1deg }, 2)", "dscene::type::mismatch"),
+            ("fn f(x: scalar in 3..0) = x", "dscene::type::bounds"),
+            ("fn f(x: scalar in 1..<1) = x", "dscene::type::bounds"),
+            ("fn f(x: angle in 3deg..2deg) = x", "dscene::type::bounds"),
+        ]
+        .map(|(script, code)| (script.to_owned(), code)),
+    );
+    for (script, wanted) in [
+        ("let g: (scalar) => scalar = x => x * 2\nlet y = g(3)", json!(6)),
+        ("let g: (scalar) => color = x => x\nlet y = g(3)", json!([3, 3, 3])),
+        ("fn f(x: scalar[n]): scalar[n] = 2 * x\nlet y = f([1, 2, 3])", json!([2, 4, 6])),
+        ("fn f(x: Q, y: Q): Q = x + y\nlet y = f(1, [2, 3])", json!([3, 4])),
+        ("fn f(x: T[], y: T): T[] = concat(x, [y])\nlet y = f([], 2)", json!([2])),
+        ("fn f(x: scalar in 1..1) = x\nlet y = f(1)", json!(1)),
+    ] {
+        close(&value(script, "y"), &wanted, script);
+    }
+}
