@@ -80,9 +80,9 @@ impl Checker<'_> {
             ast::ExprKind::Name(name) => name.clone(),
             _ => self.slot(id).name.text.clone(),
         };
-        // What could not be read may have declared it.
+        // What could not be read, or was declared again, may be what is called.
         let is_unread = !self.is_user(id) && self.unread.contains(&name);
-        if is_unread || self.is_of_import(callee, id, &given) {
+        if is_unread || self.declared_again.contains(&id) || self.is_of_import(callee, id, &given) {
             return self.after_error(&given, span);
         }
         if let Some(kind) = DerivativeKind::named(&name).filter(|_| !self.is_user(id)) {
@@ -177,6 +177,8 @@ impl Checker<'_> {
             let sig = &signature.params[i].sig;
             let arg = self.expr(given.value, Some(sig));
             let arg = if sig.accepts(&arg.expr.ty, arg.value.as_ref()) {
+                // What else is wrong in a call of which an argument has been told may follow from it.
+                let sig = if wrong.is_empty() || !matches!(sig, Sig::Var(_)) { sig } else { &Sig::Any };
                 self.bind_variable(sig, i, &arg, &found, &mut bound, site);
                 self.check_functions(sig, &arg, &format!("`{}` of `{}`", signature.params[i].name, site.name));
                 self.check_count(sig, &signature.params[i].name, &arg.expr);
@@ -290,15 +292,30 @@ impl Checker<'_> {
         let arg = self.expr(value, None);
         let takes = |param: usize| params[param].sig.accepts(&arg.expr.ty, arg.value.as_ref());
         let is_elsewhere = !takes(slot) && !arg.expr.ty.is_unknown();
-        let free = (0..slots.len()).find(|param| is_elsewhere && slots[*param].is_none() && takes(*param));
-        let Some(free) = free else { return self.report_twice(name, value.span) };
+        let is_meant = |param: &usize| slots[*param].is_none() && takes(*param);
+        let free = (0..slots.len()).find(|i| is_meant(i) && (is_elsewhere || !params[*i].has_default));
+        let between = self.sources.get(name.span.source).and_then(|file| {
+            file.text.get(value.span.end as usize..name.span.start as usize).filter(|text| text.contains("|>"))
+        });
+        let is_piped = between.is_some();
+        let Some(free) = free else {
+            self.report_twice(name, value.span);
+            if let Some(told) = self.diagnostics.last_mut().filter(|_| is_piped) {
+                told.helps.push("what stands before `|>` is the first argument: leave one of both out".to_owned());
+            }
+            return;
+        };
         slots[free] = Some(unnamed);
         let (free, text) = (&params[free].name, self.sources.text(value.span));
+        let help = match is_piped {
+            true => format!("what stands before `|>` is the first argument: leave it out, and add `{free}: {text}`"),
+            false => format!("write `{free}: {text}`"),
+        };
         self.diagnostics.push(
             Diagnostic::error("dscene::call::duplicate", format!("`{}` is given twice", name.text))
                 .label(value.span, format!("without a name it is `{}`", name.text))
                 .label(name.span, "again here")
-                .help(format!("write `{free}: {text}`")),
+                .help(help),
         );
     }
 

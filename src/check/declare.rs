@@ -112,11 +112,10 @@ impl Checker<'_> {
                         .then(|| format!("an array type is written `{item}[]`"));
                     let foreign = crate::diag::advice::type_name(name).map(|t| format!("did you mean `{t}`?"));
                     let help = array.or(foreign).or_else(|| did_you_mean(name, "the types are", signature::TYPE_NAMES));
-                    self.diagnostics.push(
-                        Diagnostic::error("dscene::type::unknown", format!("there is no type `{name}`"))
-                            .label(atom.span, "unknown type")
-                            .help_opt(help),
-                    );
+                    let told = Diagnostic::error("dscene::type::unknown", format!("there is no type `{name}`"))
+                        .label(atom.span, "unknown type")
+                        .help_opt(help);
+                    self.diagnostics.push_cause(told, "nor here");
                     return Sig::Any;
                 }
             },
@@ -174,6 +173,11 @@ impl Checker<'_> {
     }
 
     pub fn set_value(&mut self, id: DeclId, kind: DeclKind, typed: Typed) {
+        // Uses of a name that two declarations have are not reported: which of both is meant is not known.
+        let typed = match self.declared_again.contains(&id) {
+            true => Typed { expr: hir::Expr { ty: Ty::Error, ..typed.expr }, value: None },
+            false => typed,
+        };
         let timeless = self.timeless(id, &typed.expr.ty);
         let slot = self.slot_mut(id);
         slot.hir.kind = kind;
@@ -254,10 +258,16 @@ impl Checker<'_> {
                 self.construct(kind, fields, span)
             }
             (Some(value), _) | (None, KindBody::Value(value)) => {
+                let errors = self.error_count();
                 let typed = self.annotated(ty, value);
+                // What makes it was told already, such as a file that another function reads.
+                let was_told = self.error_count() > errors;
                 let several = matches!((word, &typed.expr.ty), ("shape", Ty::Array(item, _)) if **item == Ty::Shape)
                     || matches!((word, &typed.expr.ty), ("light", Ty::Array(item, _)) if **item == Ty::Light);
-                if !several && !wanted.accepts(&typed.expr.ty, None) {
+                let fits = several || wanted.accepts(&typed.expr.ty, None);
+                if !fits && was_told {
+                    Typed { expr: hir::Expr { ty: Ty::Error, ..typed.expr }, value: None }
+                } else if !fits {
                     let help = match (word, &typed.expr.ty) {
                         ("shape", Ty::Mesh) => {
                             Some("give it a material: `shape NAME { mesh: …, material: … }`".to_owned())

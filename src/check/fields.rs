@@ -78,16 +78,16 @@ impl Checker<'_> {
                 let foreign = crate::diag::advice::field(&name.text, &known).map(|f| format!("did you mean `{f}`?"));
                 let near = suggest(&name.text, known.iter().copied()).map(|f| format!("did you mean `{f}`?"));
                 let help = sizes(ty, &name.text, self.sources.text(base.expr.span))
+                    .or_else(|| self.by_this_alone(&base.expr, &name.text))
                     .or(foreign)
                     .or(near)
                     .or_else(|| self.as_function(&base, name))
                     .or_else(|| did_you_mean(&name.text, "the fields are", known));
-                self.diagnostics.push(
-                    Diagnostic::error("dscene::name::field", format!("{} has no field `{}`", ty.a(), name.text))
-                        .label(name.span, "unknown field")
-                        .label(base.expr.span, format!("this is `{ty}`"))
-                        .help_opt(help),
-                );
+                let told = Diagnostic::error("dscene::name::field", format!("{} has no field `{}`", ty.a(), name.text))
+                    .label(name.span, "unknown field")
+                    .label(base.expr.span, format!("this is `{ty}`"))
+                    .help_opt(help);
+                self.diagnostics.push_cause(told, "nor here");
                 Ty::Error
             }
         };
@@ -100,6 +100,19 @@ impl Checker<'_> {
             _ => known_size(&base.expr.ty, &name.text),
         };
         Typed { value, ..typed(ExprKind::Field { base: Box::new(base.expr), name: name.text.clone() }, span, ty) }
+    }
+
+    /// What gives the derivative by one param, where all of them were computed: `grad(fit, p)` for `grad(fit).p`.
+    fn by_this_alone(&self, of: &Expr, name: &str) -> Option<String> {
+        let is_all = of.ty == Ty::Gradients;
+        let made = match &of.kind {
+            ExprKind::Decl(id) if is_all => self.slot(*id).hir.body.as_ref()?,
+            _ => of,
+        };
+        let text = self.sources.text(made.span);
+        let (items, close) = crate::syntax::snippet::arguments(text, "grad".len())?;
+        let is_whole = is_all && text.starts_with("grad") && close + 1 == text.len() && items.len() == 1;
+        is_whole.then(|| format!("write `grad({}, {name})`", items[0]))
     }
 
     /// The fields that a value has; of a light or material whose model can be seen, those of the model.

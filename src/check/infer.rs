@@ -503,9 +503,13 @@ impl Checker<'_> {
         };
         let mut current = self.decl_value(decl, first.span);
         if matches!(current.expr.ty, Ty::Fn(..)) || !self.is_user(decl) {
+            let (message, label) = match self.is_user(decl) {
+                true => (format!("`{}` is a function, which is not replaced", first.text), "a function"),
+                false => (format!("`{}` is no declaration of yours", first.text), "belongs to the library"),
+            };
             self.diagnostics.push(
-                Diagnostic::error("dscene::type::mismatch", format!("`{}` is no declaration of yours", first.text))
-                    .label(first.span, "belongs to the library or is a function")
+                Diagnostic::error("dscene::type::mismatch", message)
+                    .label(first.span, label)
                     .help("name a param, a declaration or a field of one, such as `lamp.radiance`"),
             );
             return None;

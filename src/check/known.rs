@@ -10,6 +10,7 @@ use super::signature::Const;
 use super::types::Ty;
 use crate::diag::Diagnostic;
 use crate::source::Span;
+use crate::syntax::ast::StatementKind;
 
 /// Natives whose first argument may be a path to a file that they read.
 pub const READERS: [&str; 13] = [
@@ -94,6 +95,10 @@ impl Checker<'_> {
         let full = folder.join(path.as_str());
         let written = self.sources.text(expr.span).to_owned();
         if let Some((kind, reader)) = other_reader(callee, path) {
+            let of_texture = self.stack.last().is_some_and(|id| {
+                matches!(&self.slot(*id).statement.kind, StatementKind::Kind { kind, .. } if kind.text == "texture")
+            });
+            let reader = if reader == "load_image" && of_texture { "texture" } else { reader };
             let wanted = match callee {
                 "load_profile" => "photometric files",
                 "load_json" => "JSON",
@@ -161,6 +166,15 @@ impl Checker<'_> {
                 match known.iter().find(|(n, ..)| *n == name) {
                     None => known.push((name, length, arg.expr.span, &param.name)),
                     Some((_, first, ..)) if *first == length => {}
+                    // Two axes of one argument, `scalar[n][n]`.
+                    Some((_, first, span, _)) if *span == arg.expr.span => self.diagnostics.push(
+                        Diagnostic::error(
+                            "dscene::type::shape",
+                            format!("`{}` of `{}` is as long along one axis as along the other", param.name, site.name),
+                        )
+                        .label(arg.expr.span, format!("{first} and {length} long"))
+                        .help(format!("its axes have the same length `{name}`")),
+                    ),
                     Some((_, first, span, other)) => self.diagnostics.push(
                         Diagnostic::error(
                             "dscene::type::shape",

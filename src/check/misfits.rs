@@ -7,7 +7,7 @@ use super::kinds::with_article;
 use super::modules::{Checker, SigParam, Signature};
 use super::signature::{Const, Sig, fits};
 use super::types::Ty;
-use crate::diag::{Diagnostic, advice, did_you_mean};
+use crate::diag::{Diagnostic, Label, advice, did_you_mean};
 use crate::source::Span;
 use crate::syntax::ast::{self, StatementKind};
 use crate::syntax::snippet::parts;
@@ -87,20 +87,40 @@ impl Checker<'_> {
             return self.report_unknown_argument(name, Some(format!("write `{typed}`")), site);
         }
         let is_lacking = !missing.is_empty();
+        let mut others: Vec<&ast::Name> = Vec::new();
+        let mut meant: Vec<(&ast::Name, &str)> = Vec::new();
         for (name, value) in left {
             let takes = |i: &usize| params[*i].sig.accepts(&value.expr.ty, value.value.as_ref());
-            let help = match missing.iter().position(takes) {
-                Some(at) => Some(format!("did you mean `{}`?", params[missing.remove(at)].name)),
-                None if is_lacking => self.in_its_place(params, given, missing, site),
-                None => {
-                    let what = format!("its {}s are", site.noun());
-                    did_you_mean(&name.text, &what, params.iter().map(|p| p.name.as_str()))
-                }
+            match missing.iter().position(takes) {
+                Some(at) => meant.push((name, &params[missing.remove(at)].name)),
+                None => others.push(name),
+            }
+        }
+        if let [(first, _), ..] = meant[..] {
+            let typed: Vec<String> = meant.iter().map(|(_, own)| format!("`{own}`")).collect();
+            let names: Vec<&ast::Name> = meant.iter().map(|(name, _)| *name).collect();
+            let each = if typed.len() > 1 { ", in this order" } else { "" };
+            let help = format!("did you mean {}{each}?", typed.join(", "));
+            self.report_unknown_together(first, &names, Some(help), site);
+        }
+        if let [first, ..] = others[..] {
+            let what = format!("its {}s are", site.noun());
+            let help = match is_lacking {
+                true => self.in_its_place(params, given, missing, site),
+                false => did_you_mean(&first.text, &what, params.iter().map(|p| p.name.as_str())),
             };
-            self.report_unknown_argument(name, help, site);
+            self.report_unknown_together(first, &others, help, site);
         }
         if is_lacking && !unknown.is_empty() {
             missing.clear();
+        }
+    }
+
+    /// Reports names in one call about all of which the same is to be said.
+    fn report_unknown_together(&mut self, first: &ast::Name, all: &[&ast::Name], help: Option<String>, site: Site) {
+        self.report_unknown_argument(first, help, site);
+        if let Some(told) = self.diagnostics.last_mut() {
+            told.labels.extend(all[1..].iter().map(|name| Label { span: name.span, text: "nor this".to_owned() }));
         }
     }
 
@@ -328,8 +348,10 @@ impl Checker<'_> {
         }
         let takes =
             |param: usize, value: &Typed| signature.params[param].sig.accepts(&value.expr.ty, value.value.as_ref());
-        let Some(order) = permutations(n).find(|order| order.iter().enumerate().all(|(i, &j)| takes(i, values[j])))
-        else {
+        // One that does not fit where it stands may simply be wrong: an order is wrong where two do not.
+        let misplaced = |order: &[usize]| (0..n).filter(|i| order[*i] != *i && !takes(*i, values[*i])).count();
+        let fits = |order: &Vec<usize>| order.iter().enumerate().all(|(i, &j)| takes(i, values[j]));
+        let Some(order) = permutations(n).find(|order| fits(order) && misplaced(order) > 1) else {
             return false;
         };
         let moved = |i: &usize| order[*i] != *i;

@@ -172,6 +172,8 @@ pub struct Checker<'l> {
     pub in_stop_when: bool,
     /// Names whose declarations could not be read: their uses are not reported.
     pub unread: HashSet<String>,
+    /// What another declaration has the name of: its uses may mean either.
+    pub declared_again: HashSet<DeclId>,
     /// Whether an action before any `optimize`, or a test, is checked, where there is no step.
     pub no_step: bool,
     /// Whether an `optimize` was among the actions so far.
@@ -230,6 +232,7 @@ impl<'l> Checker<'l> {
             origin: Origin::default(),
             in_stop_when: false,
             unread: HashSet::new(),
+            declared_again: HashSet::new(),
             no_step: false,
             has_optimized: false,
             quiet: false,
@@ -493,6 +496,7 @@ impl<'l> Checker<'l> {
                 (slot.name, slot.statement) = (name, statement);
                 return;
             }
+            self.declared_again.insert(first);
             let first = self.slot(first).name.span;
             self.diagnostics.push(
                 Diagnostic::error("dscene::name::duplicate", format!("`{}` is declared twice", name.text))
@@ -555,6 +559,10 @@ impl<'l> Checker<'l> {
         if let Some(alias) = &import.alias {
             let before = self.modules[module].aliases.insert(alias.text.clone(), target);
             if before.is_some_and(|before| before != target) {
+                // Which of both is meant by a name behind it is not known.
+                let own = before.into_iter().flat_map(|before| &self.modules[before].own);
+                let names: Vec<String> = own.map(|id| self.slot(*id).name.text.clone()).collect();
+                self.unread.extend(names);
                 self.diagnostics.push(
                     Diagnostic::error("dscene::name::duplicate", format!("two imports are called `{}`", alias.text))
                         .label(alias.span, "again here")

@@ -103,6 +103,7 @@ pub const TABLE: &[Row] = &[
     row(Place::Postfix, "--", "let $<2 = $< - 1", KEEPS),
     row(Place::Postfix, "²", "$< ^ 2", ""),
     row(Place::Postfix, "³", "$< ^ 3", ""),
+    row(Place::Postfix, "!", "round(exp(sum([log(i) for i in 1..=$<])))", "there is no factorial"),
     row(Place::Postfix, "°", "$<deg", "angles have the units `deg`, `rad` and `turn`"),
     row(Place::Statement, "var const val auto set mut static final define", "let $>", ""),
     row(
@@ -215,7 +216,8 @@ pub const TABLE: &[Row] = &[
     row(Place::Call, "ones_like", "0 * $1 + 1", ""),
     row(Place::Call, "range arange iota", "$1..$2", ""),
     row(Place::Call, "range arange iota", "0..$1", ""),
-    row(Place::Call, "radians deg2rad to_radians torad", "$1 * 1deg", "angles have units"),
+    row(Place::Call, "rad", "$1 * 1rad", "angles have units"),
+    row(Place::Call, "radians deg2rad to_radians torad deg", "$1 * 1deg", "angles have units"),
     row(Place::Call, "degrees rad2deg to_degrees todeg", "$1 / 1deg", "angles have units"),
     row(
         Place::Call,
@@ -533,11 +535,13 @@ const INSTEAD: &[(&str, &str, &str, &str)] = &[
     ("scale", "vec3", "scaling($1)", "a transform without a mesh has another name"),
     ("rotate", "vec3", "rotation($1, $2)", "a rotation without a mesh has another name"),
     ("rotate", "rotation", "$1 @ NAME", "what is turned is missing"),
+    ("where", "bool[]", "[if b then $2 else $3 for b in …]", "of a list, each item chooses"),
 ];
 
 /// What to write instead of a call of `function` whose first argument is of the type `first`, which it does not take.
 pub fn instead(function: &str, first: &str, around: &Around) -> Option<String> {
-    let known = |row: &&(&str, &str, &str, &str)| row.0 == function && row.1 == first;
+    let any_length = first.split_once('[').map_or(String::new(), |(item, _)| format!("{item}[]"));
+    let known = |row: &&(&str, &str, &str, &str)| row.0 == function && (row.1 == first || row.1 == any_length);
     INSTEAD.iter().filter(known).find_map(|(.., write, why)| Some(format!("{why}: `{}`", fill(write, around)?)))
 }
 

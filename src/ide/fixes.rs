@@ -111,10 +111,12 @@ fn mended(
     let is_literal = diagnostic.code == "dscene::syntax::unit";
     let pieces = match is_literal {
         true => vec![(from, to)],
+        // What is to be left out is what is blamed, or the field whose value that is, and nothing else.
+        false if typed.is_empty() => left_out(text, from, to),
         false => pieces(text, statement.start, statement.end.max(to), from, to, typed),
     };
-    // What is to be left out is what is blamed, if the rest can be read.
-    let exact = typed.is_empty().then_some((from, to));
+    // A field takes the place of the field whose name is blamed, if that is all that is wrong: those beside it stay.
+    let exact = if typed.is_empty() { Some((from, to)) } else { blamed_field(text, from, to, typed) };
     let pieces = exact.into_iter().chain(pieces);
     let mut checked = 0;
     for (start, end) in pieces {
@@ -125,11 +127,12 @@ fn mended(
         let end = if typed.is_empty() { whole_line(text, start, end) } else { end };
         let fix = Fix::one(title, start, end, typed.to_owned());
         let changed = fix.applied(text);
-        if !can_be_read(
-            &changed,
-            statement.start,
-            (statement.end + typed.len()).saturating_sub(end - start).max(statement.start),
-        ) {
+        // What stands behind the statement, as a comment may, is no part of it.
+        let read_to = match statement.end <= start {
+            true => statement.end,
+            false => (statement.end + typed.len()).saturating_sub(end - start).max(statement.start),
+        };
+        if !can_be_read(&changed, statement.start, read_to) {
             continue;
         }
         checked += 1;
@@ -142,6 +145,29 @@ fn mended(
         }
     }
     None
+}
+
+/// The field or argument whose value is blamed: alone, and with the comma behind it or before it.
+fn left_out(text: &str, from: usize, to: usize) -> Vec<(usize, usize)> {
+    let lead = text.get(..from).unwrap_or("").trim_end();
+    let Some(lead) = lead.strip_suffix(':').map(str::trim_end) else { return Vec::new() };
+    let start = lead.trim_end_matches(|c: char| c.is_ascii_alphanumeric() || c == '_').len();
+    let rest = text.get(to..).unwrap_or("");
+    let behind = rest.trim_start().strip_prefix(',').map(|rest| text.len() - rest.trim_start().len());
+    let before = lead[..start].trim_end().strip_suffix(',').map(str::len);
+    let with_comma = behind.map(|end| (start, end)).or(before.map(|start| (start, to)));
+    if start < lead.len() { with_comma.into_iter().chain([(start, to)]).collect() } else { Vec::new() }
+}
+
+/// The field or argument whose name is blamed, with its value, where what is to be typed is a field too.
+fn blamed_field(text: &str, from: usize, to: usize, typed: &str) -> Option<(usize, usize)> {
+    let is_word = |word: &str| !word.is_empty() && word.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
+    let behind = text.get(to..)?;
+    let value = to + behind.len() - behind.trim_start().strip_prefix(':')?.len();
+    let written = syntax::snippet::expression_after(text, value);
+    let start = value + text.get(value..)?.find(written)?;
+    let is_field = is_word(text.get(from..to)?) && typed.split_once(':').is_some_and(|(name, _)| is_word(name));
+    (is_field && !written.is_empty()).then_some((from, start + written.len()))
 }
 
 /// Whether a word would grow together with its neighbour, or stand behind a `not` that was meant for less.

@@ -79,7 +79,10 @@ impl Builder<'_> {
                 StatementKind::Kind { kind, name, ty, body }
             }
             Rule::optimize => {
-                let loss = self.expr(parts.find(Rule::expr)?);
+                let loss = parts.find(Rule::expr)?;
+                // `optimize { }`
+                let is_missing = loss.as_str().strip_prefix('{').is_some_and(|rest| rest.trim() == "}");
+                let loss = if is_missing { self.without_loss(&loss) } else { self.expr(loss) };
                 let body = parts.take(Rule::optimize_body);
                 let mut optimize =
                     ast::Optimize { loss, fields: Vec::new(), stages: Vec::new(), every: Vec::new(), span };
@@ -202,6 +205,17 @@ impl Builder<'_> {
             None => Expr { kind: ExprKind::Name(name.text.clone()), span: name.span },
         };
         Some(Field { name, value })
+    }
+
+    /// Braces without what is made small before them, and nothing in them.
+    fn without_loss(&mut self, braces: &P) -> Expr {
+        let span = self.span(braces);
+        self.diagnostics.push(
+            Diagnostic::error("dscene::syntax::unexpected", "this `optimize` has no loss")
+                .label(span, "expected a loss before the braces")
+                .help("write `optimize LOSS { … }`"),
+        );
+        Expr { kind: ExprKind::Error, span }
     }
 
     fn then(&mut self, pair: P) -> ast::Then {

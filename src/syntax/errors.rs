@@ -342,6 +342,11 @@ fn help(text: &str, at: usize, found: &str) -> Option<String> {
         word if is_reserved(word) && declares(before.trim_start()) => {
             return Some(format!("`{word}` is a word of the language and cannot be a name: write `{word}_`"));
         }
+        "}" | ")" | "]" | "," if before.ends_with(':') => {
+            let lead = before.trim_end_matches(':').trim_end();
+            let name = lead.rsplit(|c: char| !(c.is_ascii_alphanumeric() || c == '_')).next().unwrap_or("");
+            return (!name.is_empty()).then(|| format!("a field has a value: write `{name}: …`, or leave it out"));
+        }
         "," if before.contains('(') => "values side by side are an array, in square brackets: `[a, b]`",
         "=" if before.ends_with(|c: char| c.is_ascii_alphanumeric() || c == '_') => {
             "fields and named arguments have a colon: `name: value`"

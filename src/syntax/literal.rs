@@ -51,6 +51,10 @@ pub fn number(text: &str) -> Result<ExprKind, Wrong> {
                 hex if digits == "0" && hex.len() == 7 && hex.starts_with('x') && color(&hex[1..]).is_ok() => {
                     format!("a colour is written `#{}`", &hex[1..])
                 }
+                based if let Some(value) = in_another_base(digits, based) => {
+                    format!("numbers have ten digits: `{value}`")
+                }
+                "pi" | "tau" => format!("write `{digits} * {unit}`"),
                 "mm" | "cm" | "m" | "km" | "px" | "s" | "ms" => format!("lengths and times have no unit: `{digits}`"),
                 name if name.len() == 1 && name != "e" => format!("write `{digits} * {unit}`"),
                 _ => "the units are: `deg`, `rad`, `turn`, `%`; lengths have none".to_owned(),
@@ -58,6 +62,18 @@ pub fn number(text: &str) -> Result<ExprKind, Wrong> {
             wrong("dscene::syntax::unit", format!("there is no unit `{unit}`"), "unknown unit", Some(help))
         }),
     }
+}
+
+/// The value of `0x10`, `0b101` and `0o17`, of which the letter and what is behind it were taken for a unit.
+fn in_another_base(digits: &str, unit: &str) -> Option<u64> {
+    let base = match unit.get(..1)? {
+        "x" => 16,
+        "b" => 2,
+        "o" => 8,
+        _ => return None,
+    };
+    let written: String = unit.get(1..)?.chars().filter(|c| *c != '_').collect();
+    (digits == "0").then(|| u64::from_str_radix(&written, base).ok())?
 }
 
 /// Where the digits of a number end and its unit begins.

@@ -117,7 +117,7 @@ pub fn declared_name(text: &str) -> Option<&str> {
 }
 
 /// The names that a statement may have meant to declare: those of an import in another language's words are all that it has.
-pub fn declared_names(text: &str) -> Vec<&str> {
+pub fn declared_names<'t>(text: &'t str) -> Vec<&'t str> {
     let is_word = |c: char| c.is_ascii_alphanumeric() || c == '_';
     let first = text.trim_start().split(|c: char| !is_word(c)).next().unwrap_or("");
     let head = text.split('=').next().unwrap_or("");
@@ -130,7 +130,17 @@ pub fn declared_names(text: &str) -> Vec<&str> {
             let words = words.filter(|word| !is_reserved(word));
             return words.chain(declared_name(text)).chain(foreign::assigned_within(text)).collect();
         }
-        _ => return declared_name(text).into_iter().collect(),
+        // `let a = 3, b = 4`
+        _ => {
+            let more = text.split('=').skip(1).filter(|part| !part.is_empty());
+            let last = |part: &'t str| {
+                let part = part.trim_end();
+                part.rsplit(|c: char| !is_word(c)).next().filter(|word| word.len() < part.len() && !word.is_empty())
+            };
+            let count = text.matches('=').count().saturating_sub(1);
+            let more = more.take(count).filter_map(last).filter(|word| !is_reserved(word) && first == "let");
+            return declared_name(text).into_iter().chain(more).collect();
+        }
     };
     many.split(|c: char| !is_word(c)).filter(|word| !word.is_empty() && !is_reserved(word)).collect()
 }
@@ -188,6 +198,7 @@ impl Lexer<'_> {
             match byte {
                 b'/' if self.bytes.get(start + 1) == Some(&b'/') => self.line_comment(),
                 b'/' if self.bytes.get(start + 1) == Some(&b'*') => self.block_comment(),
+                b'"' | b'@' if foreign_comment(self.text, start).is_some() => self.foreign_comment(),
                 b'"' => {
                     self.string();
                     self.push(TokenKind::Other, start);
@@ -331,14 +342,19 @@ impl Lexer<'_> {
         let (mark, end) = foreign_comment(self.text, start).unwrap_or(("#", line));
         let code = "dscene::syntax::comment";
         if !self.diagnostics.iter().any(|d| d.code == code) {
-            let text = self.text[start + mark.len()..end].trim_start_matches(['#', '!']).trim_end_matches("*)").trim();
+            let text = self.text[start + mark.len()..end].trim_start_matches(['#', '!']).trim_end_matches("*)");
+            let text = text.trim_end_matches("\"\"\"").trim();
             let label = if mark == "#" { "begins a colour: `#ff8800`" } else { "begins no comment" };
             let told = match preprocessed(text).filter(|_| mark == "#") {
                 Some(help) => Diagnostic::error(code, "there is no preprocessor").help(help),
+                None if mark == "@" => Diagnostic::error(code, "a function has no decorator").help("leave it out"),
                 None => Diagnostic::error(code, format!("comments begin with `//`, not with `{mark}`"))
                     .help(format!("write `// {}`", text.lines().next().unwrap_or(""))),
             };
-            self.diagnostics.push(told.label(Span::new(self.source, start, start + mark.len()), label));
+            // A decorator is left out as a whole.
+            let shown = if mark == "@" { end } else { start + mark.len() };
+            let label = if mark == "@" { "not needed" } else { label };
+            self.diagnostics.push(told.label(Span::new(self.source, start, shown), label));
         }
         self.comments.push((start, end));
         self.at = end;
@@ -489,7 +505,13 @@ fn split(source: SourceId, text: &str, tokens: &[Token], diagnostics: &mut Vec<D
                     starts.push(token.start);
                 }
             }
-            TokenKind::Other => {}
+            // `$fn = 100`
+            TokenKind::Other => {
+                let is_variable = text[token.start..].starts_with('$') && word(i + 1).is_some();
+                if is_variable && open.is_empty() && begins_line(text, token.start) {
+                    starts.push(token.start);
+                }
+            }
         }
         if starts.is_empty() || starts.last().is_some_and(|start| *start < read_from && read_from <= token.start) {
             starts.push(token.start);
@@ -540,14 +562,16 @@ fn begins_statement<'a>(
     let shown = |back: usize| i.checked_sub(back).map_or("", |at| &text[tokens[at].start..tokens[at].end]);
     // `in 0..` may end its line.
     let after_open_range = shown(1) == "." && shown(2) == "." && begins_line(text, tokens[i].start);
-    let after_dot = matches!(shown(1), "." | "#") && !after_open_range;
+    let after_dot = matches!(shown(1), "." | "#" | "$") && !after_open_range;
     let a_field = tokens.get(i + 1).is_some_and(|t| &text[t.start..t.end] == ":");
     if after_dot || a_field {
         return false;
     }
     // `native fn` and `KIND let` are one statement.
     let previous = i.checked_sub(1).and_then(word);
-    let is_value = matches!(shown(1), "=" | ">") && (next == "(" || !begins_line(text, tokens[i].start));
+    let is_shown = matches!(previous, Some("print" | "plot" | "expect" | "save")) && next == "(";
+    let is_value = (matches!(shown(1), "=" | ">") || is_shown) && !begins_line(text, tokens[i].start)
+        || matches!(shown(1), "=" | ">") && next == "(";
     if first == "fn" && (previous == Some("native") || is_value) {
         return false;
     }
@@ -646,7 +670,7 @@ fn is_assignment(tokens: &[Token], i: usize, text: &str) -> bool {
     let assigns = rest.starts_with([':', '=']) && !rest.starts_with("==") && !rest.starts_with("=>");
     let changes = ["+=", "-=", "*=", "/=", "^=", "**=", ":=", "++", "--", "<-"].iter().any(|op| rest.starts_with(op));
     // A call that ends its line does nothing, and what is done to an element changes nothing.
-    let calls = rest.starts_with(['(', '[']) && tokens[next - 1].end == sign.start;
+    let calls = (rest.starts_with(['(', '[']) || rest.starts_with("!(")) && tokens[next - 1].end == sign.start;
     // Two things side by side are never one expression, nor is a word alone on its line a part of one.
     let beside = match sign.kind {
         TokenKind::Word => !is_reserved(shown(sign)) || STATEMENTS.contains(&shown(sign)),

@@ -1,7 +1,7 @@
 //! Choices as other languages have them: `c ? a : b`, `a if c else b`, `if c: a else: b`.
 
 use super::{Habit, Stop, habit, last_word, value_start};
-use crate::syntax::snippet::expression_after;
+use crate::syntax::snippet::{expression_after, open_bracket};
 
 impl Stop<'_> {
     /// `c ? a : b`, `a if c else b`, `if c: a else: b`.
@@ -18,6 +18,10 @@ impl Stop<'_> {
                 "not an operator",
                 format!("write `{typed}`"),
             );
+        }
+        if self.here() == "if" && self.joins_conditions() {
+            let help = "conditions are joined: write `and`";
+            return habit(self.at, self.at + 2, "a comprehension has one `if`", "a second condition", help);
         }
         if self.here() == "if" {
             let start = value_start(self.text, self.at);
@@ -45,6 +49,16 @@ impl Stop<'_> {
             return habit(self.at, self.at + 1, "an `if` has no colon", "expected `then`", format!("write `{typed}`"));
         }
         None
+    }
+}
+
+impl Stop<'_> {
+    /// `[x for x in xs if a if b]`
+    fn joins_conditions(&self) -> bool {
+        let Some((open, b'[')) = open_bracket(self.text, self.at) else { return false };
+        let lead = self.text.get(open..self.at).unwrap_or("");
+        last_word(lead, "for").is_some_and(|at| last_word(lead, "if").is_some_and(|first| first > at))
+            && !self.rest().contains(" else ")
     }
 }
 

@@ -5,10 +5,60 @@ use crate::syntax::scan::is_reserved;
 use crate::syntax::snippet::{closing, expression_after, open_bracket, operand_after, operand_before, parts};
 
 impl<'a> Stop<'a> {
+    /// `fn f(x, ...) = x`, `fn f(*xs) = xs`.
+    fn variadic(&self) -> Option<Habit> {
+        let open = self.text.find('(').filter(|_| self.first() == "fn")?;
+        let close = closing(self.text, open)?;
+        let items = parts(self.text.get(open + 1..close)?);
+        let rest = items.iter().find(|item| item.starts_with("...") || item.starts_with('*'))?;
+        let plain = |item: &&str| match item.trim_start_matches(['.', '*']) {
+            "" => "rest".to_owned(),
+            name => name.to_owned(),
+        };
+        let at = open + self.text.get(open..)?.find(rest)?;
+        let names: Vec<String> = items.iter().map(plain).collect();
+        let help =
+            format!("several values are one array: `{}{})`", self.text.get(..=open)?.trim_start(), names.join(", "));
+        (self.at >= open && self.at <= close)
+            .then(|| habit(at, at + rest.len(), "a function has as many arguments as parameters", "not a name", help))?
+    }
+
+    /// `print fn(x) => x`, `map(v, function(x) { x })`.
+    fn unnamed(&self) -> Option<Habit> {
+        let made = operand_before(self.text, self.at);
+        let start = match is_maker(self.here()) {
+            true => self.at,
+            false => self.before().len().checked_sub(made.len())?,
+        };
+        let word = leading_word(self.text.get(start..)?);
+        let open = start + word.len();
+        if !is_maker(word) || !self.text.get(open..)?.starts_with('(') {
+            return None;
+        }
+        let close = closing(self.text, open)?;
+        let names = parts(self.text.get(open + 1..close)?);
+        let names = if let [one] = names[..] { one.to_owned() } else { format!("({})", names.join(", ")) };
+        let body = self.text.get(close + 1..)?.trim_start();
+        let body = match body.starts_with('{') {
+            true => body.get(1..closing(body, 0)?)?.trim().trim_end_matches(';'),
+            false => expression_after(body.trim_start_matches(['=', '>', ':', '-']), 0),
+        };
+        let body = body.strip_prefix("return ").unwrap_or(body);
+        let body = if body.is_empty() || body.contains(['\n', ';']) { "…" } else { body };
+        let help = match start == self.text.len() - self.text.trim_start().len() {
+            true => format!("a function has a name: `fn NAME({}) = {body}`", names.trim_matches(['(', ')'])),
+            false => format!("a function value is `{names} => {body}`"),
+        };
+        habit(start, open, format!("`{word}` makes no value"), "not needed", help)
+    }
+
     /// `def f(x): return x`, `function f(x) { … }`, `let f(x) = x`, `fn f(x) => x`, `fn f(x) -> scalar = x`.
     pub fn function(&self) -> Option<Habit> {
         let first = self.first();
         let start = self.text.len() - self.text.trim_start().len();
+        if let Some(habit) = self.variadic().or_else(|| self.unnamed()) {
+            return Some(habit);
+        }
         let foreign = matches!(first, "def" | "func" | "function" | "fun" | "proc" | "sub");
         if !foreign && !matches!(first, "fn" | "let") {
             return None;
@@ -258,6 +308,11 @@ impl<'a> Stop<'a> {
             habit(at, at + written.len(), "bounds are a range `lo..hi`", "not a range", help)
         })?
     }
+}
+
+/// Whether a word makes a function value in another language.
+fn is_maker(word: &str) -> bool {
+    matches!(word, "fn" | "func" | "function" | "fun")
 }
 
 /// The lines of a function's body as a block: `y = x + 1` and `return y`, each with what it is here.

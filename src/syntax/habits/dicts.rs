@@ -76,6 +76,11 @@ fn shape_fields(mesh: &str, fields: &[(&str, &str)]) -> String {
     own.join(", ")
 }
 
+/// Whether a function of this name makes a material.
+pub fn makes_material(function: &str) -> bool {
+    MATERIALS.contains(&function)
+}
+
 /// `sphere s { radius: 2, material: diffuse() }`, `point l { position: p }`, `diffuse m { … }`: the declaration of the thing that a constructor
 /// makes.
 pub fn constructed(word: &str, behind: &str) -> Option<String> {

@@ -1,6 +1,6 @@
 //! The first words of statements as other languages have them: names in quotes, values without `=`, bounds in other places.
 
-use super::{Habit, Stop, habit, leading_word};
+use super::{Habit, Stop, dicts, habit, leading_word};
 use crate::syntax::scan::{KINDS, is_reserved};
 use crate::syntax::snippet::{arguments, closing, expression_after, operand_after, parts};
 
@@ -52,13 +52,15 @@ impl Stop<'_> {
     pub fn head(&self) -> Option<Habit> {
         self.made_param()
             .or_else(|| match self.first() {
-                "param" => self.bounds_elsewhere().or_else(|| self.without_value()),
-                "optimize" => self.without_names(),
+                "param" => self.bounds_elsewhere().or_else(|| self.without_value()).or_else(|| self.settings_outside()),
+                "optimize" => self.every_few_steps().or_else(|| self.without_names()),
+                "test" => self.test_without_braces(),
                 "fn" => self.of_function(),
                 "print" => self.shown_side_by_side(),
                 "let" => self.second_declaration(),
                 _ => None,
             })
+            .or_else(|| self.constructed_inside())
             .or_else(|| self.quoted_name())
             .or_else(|| self.without_sign())
             .or_else(|| self.saved())
@@ -168,6 +170,88 @@ impl Stop<'_> {
         habit(at, at + value.len(), "what an optimisation has are fields `name: value`", "without a name", help)
     }
 
+    /// `material m { dielectric(ior: 1.5) }`, `shape s { sphere(), diffuse() }`, `texture t { "a.png" }`, `scene s { ball, lamp }`.
+    fn constructed_inside(&self) -> Option<Habit> {
+        let (kind, (start, name)) = (self.first(), self.second());
+        let open = start + name.len() + self.text.get(start + name.len()..)?.find('{')?;
+        let between = self.text.get(start + name.len()..open)?;
+        let inside = self.text.get(open + 1..closing(self.text, open)?)?.trim();
+        let is_head = KINDS.contains(&kind) && kind != "loss" && !name.is_empty() && between.trim().is_empty();
+        let items = parts(inside);
+        let is_value = |item: &&str| {
+            let value = operand_after(item, 0);
+            let is_plain = value.ends_with([')', '"']) || leading_word(value) == value && !is_reserved(value);
+            value == *item && is_plain && value.starts_with(|c: char| c.is_ascii_alphabetic() || c == '"')
+        };
+        let first = items.iter().find(|item| is_value(item)).filter(|_| is_head)?;
+        let is_call = first.ends_with(')');
+        let at = open + 1 + self.text.get(open + 1..)?.find(first)?;
+        let lone = items.len() == 1;
+        let typed = match kind {
+            "shape" => {
+                let field = |item: &&str| match is_value(item) {
+                    true if dicts::makes_material(leading_word(item)) => format!("material: {item}"),
+                    true if item.starts_with('"') => format!("mesh: load({item})"),
+                    true => format!("mesh: {item}"),
+                    false => (*item).to_owned(),
+                };
+                let fields: Vec<String> = items.iter().map(field).collect();
+                format!("shape {name} {{ {} }}", fields.join(", "))
+            }
+            "scene" => format!("scene {name} {{ shapes: […], lights: […] }}"),
+            "texture" if lone && first.starts_with('"') => format!("texture {name} = texture({first})"),
+            "mesh" if lone && first.starts_with('"') => format!("mesh {name} = load({first})"),
+            _ if lone && is_call => format!("{kind} {name} = {first}"),
+            _ => return None,
+        };
+        let help = format!("write `{typed}`");
+        let label = if matches!(kind, "shape" | "scene") { "without a name" } else { "a value, not a field" };
+        habit(at, at + first.len(), "braces hold fields `name: value`", label, help)
+    }
+
+    /// `param p = 1 lr 2`, `param p = 1 in 0..2, lr: 2`.
+    fn settings_outside(&self) -> Option<Habit> {
+        const SETTINGS: [&str; 5] = ["lr", "scale", "space", "precondition", "frozen"];
+        let from = self.rest().strip_prefix(',').map_or(self.rest(), str::trim_start);
+        let at = self.text.len() - from.len();
+        let (word, declared) = (leading_word(from), self.before().trim_start().trim_end_matches(','));
+        let rest = from.get(word.len()..)?.trim_start().trim_start_matches([':', '=']);
+        let value = operand_after(rest, 0);
+        let is_last = rest.trim_start().get(value.len()..)?.trim().is_empty();
+        let fits = SETTINGS.contains(&word) && declared.contains('=') && !value.is_empty() && is_last;
+        let help = format!("write `{declared} {{ {word}: {value} }}`");
+        fits.then(|| habit(at, at + word.len(), "what a param has stands in braces", "expected `{`", help))?
+    }
+
+    /// `every 10: print p`, `every 10 print p`.
+    fn every_few_steps(&self) -> Option<Habit> {
+        let every = super::last_word(self.before(), "every")?;
+        let steps = operand_after(self.text, every + "every".len());
+        let behind = every + self.text.get(every..)?.find(steps)? + steps.len();
+        let rest = self.text.get(behind..)?;
+        let lead = rest.trim_start();
+        let action = lead.strip_prefix(':').unwrap_or(lead).trim();
+        let action = action.split(['\n', '}']).next()?.trim();
+        let is_action = ["print", "save", "plot", "expect"].contains(&leading_word(action));
+        let at = self.text.len() - lead.len();
+        let end = at + if lead.starts_with(':') { 1 } else { leading_word(lead).len() };
+        let help = format!("write `every {steps} {{ {action} }}`");
+        (is_action && !steps.is_empty() && !lead.starts_with('{'))
+            .then(|| habit(at, end, "what is done every few steps stands in braces", "expected `{`", help))?
+    }
+
+    /// `test "a" expect c`, which ends before the `expect` to whoever looks for statements.
+    fn test_without_braces(&self) -> Option<Habit> {
+        let (start, _) = self.second();
+        let name = self.text.get(start..)?.trim_end();
+        let is_text =
+            name.len() > 1 && name.starts_with('"') && name.find('"') != name.rfind('"') && name.ends_with('"');
+        let help = format!("write `test {name} {{ expect … }}`");
+        is_text.then(|| {
+            habit(start, start + name.len(), "what a test expects stands in braces", "expected `{` behind it", help)
+        })?
+    }
+
     /// `fn f(float x) = x`, `fn f(x) return x`, `fn f(x): x + 1`.
     fn of_function(&self) -> Option<Habit> {
         let (start, name) = self.second();
@@ -204,16 +288,17 @@ impl Stop<'_> {
         is_plain.then(|| habit(self.at, end, "commas part what is printed", "expected `,` before it", help))?
     }
 
-    /// `let a = n, b = 3`
+    /// `let a = n, b = 3`, `let a = n b = 3`.
     fn second_declaration(&self) -> Option<Habit> {
-        let rest = self.rest().strip_prefix(',')?;
-        let (name, value) = rest.split_once('=')?;
+        let rest = self.rest().strip_prefix(',').or_else(|| self.before().contains('=').then(|| self.rest()))?;
+        let (name, value) = rest.split_once('=').filter(|(_, value)| !value.starts_with(['=', '>']))?;
         let (name, value) = (name.trim(), value.trim());
         let is_one = leading_word(name) == name && !name.is_empty() && expression_after(value, 0) == value;
+        let length = if self.rest().starts_with(',') { 1 } else { name.len() };
         let open = crate::syntax::snippet::open_bracket(self.text, self.at);
         let help = format!("each name has a `let` of its own: `{} let {name} = {value}`", self.before().trim_start());
         (is_one && open.is_none() && !value.contains('='))
-            .then(|| habit(self.at, self.at + 1, "a `let` declares one name", "another one?", help))?
+            .then(|| habit(self.at, self.at + length, "a `let` declares one name", "another one?", help))?
     }
 
     /// `camera "c2" { … }`

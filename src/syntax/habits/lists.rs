@@ -1,6 +1,7 @@
 //! What parts values elsewhere: blanks and semicolons in arrays, commas too many, a sign before a number, arrays spread by dots.
 
 use super::{Habit, Stop, habit, leading_word};
+use crate::diag::advice::type_name;
 use crate::syntax::scan::is_reserved;
 use crate::syntax::snippet::{closing, open_bracket, operand_after, operand_before, parts};
 
@@ -8,6 +9,10 @@ impl Stop<'_> {
     /// `[1,, 2]`, `+1`, `[1 2; 3 4]`, `[...v, 3]`, `640 x 480`.
     pub fn lists(&self) -> Option<Habit> {
         self.one_comma_too_many()
+            .or_else(|| self.by_a_bar())
+            .or_else(|| self.array_type())
+            .or_else(|| self.type_argument())
+            .or_else(|| self.column())
             .or_else(|| self.plus())
             .or_else(|| self.spread())
             .or_else(|| self.by_blanks())
@@ -22,6 +27,64 @@ impl Stop<'_> {
         let stops = self.rest().starts_with(',') && self.before().ends_with([',', '[', '(', '{']);
         let help = "leave it out: one comma stands between two values";
         stops.then(|| habit(self.at, self.at + 1, "nothing stands before this comma", "one too many", help))?
+    }
+
+    /// `[x^2 | x <- xs, x > 1]`
+    fn by_a_bar(&self) -> Option<Habit> {
+        let (open, b'[') = open_bracket(self.text, self.at)? else { return None };
+        let close = closing(self.text, open)?;
+        let (item, rest) = self.text.get(open + 1..close)?.split_once('|')?;
+        let (name, items) = rest.split_once("<-")?;
+        let (name, clauses) = (name.trim(), parts(items));
+        let (items, conditions) = clauses.split_first()?;
+        let condition = if conditions.is_empty() { String::new() } else { format!(" if {}", conditions.join(" and ")) };
+        let help = format!("write `[{} for {name} in {items}{condition}]`", item.trim());
+        (leading_word(name) == name && !name.is_empty())
+            .then(|| habit(open, close + 1, "an array is built by `for … in`", "not written so", help))?
+    }
+
+    /// `fn f(x: [scalar]) = x`, `[float; 3]`.
+    fn array_type(&self) -> Option<Habit> {
+        let inside = self.rest().strip_prefix('[')?.split(']').next()?;
+        let (item, length) = inside.split_once(';').unwrap_or((inside, ""));
+        let (item, length) = (item.trim(), length.trim());
+        let is_type = self.before().ends_with(':') && leading_word(item) == item && !item.is_empty();
+        let help = format!("write `{}[{length}]`", type_name(item).unwrap_or(item));
+        let message = "the brackets of an array's type stand behind that of its items";
+        (is_type && !item.starts_with(|c: char| c.is_ascii_digit()))
+            .then(|| habit(self.at, self.at + inside.len() + 2, message, "not a type", help))?
+    }
+
+    /// `fn f(x: vec<float>) = x`, `let a: vec<3> = v`.
+    fn type_argument(&self) -> Option<Habit> {
+        let inside = self.rest().strip_prefix('<')?.split('>').next()?.trim();
+        let (start, word) = self.previous();
+        let is_type = self.text.get(..start)?.trim_end().ends_with(':') && !word.is_empty();
+        let is_number = !inside.is_empty() && inside.bytes().all(|b| b.is_ascii_digit());
+        let item = parts(inside).first().copied()?;
+        let typed = match is_number {
+            true => format!("scalar[{inside}]"),
+            false => format!("{}[]", type_name(item).unwrap_or(item)),
+        };
+        let end = self.at + self.rest().find('>')? + 1;
+        let is_item = is_number || leading_word(item) == item;
+        let message = format!("there is no type `{}`", self.text.get(start..end)?);
+        (is_type && is_item)
+            .then(|| habit(start, end, message, "not a type", format!("an array type is written `{typed}`")))?
+    }
+
+    /// `m[.., 1]`, `m[:, 1]`.
+    fn column(&self) -> Option<Habit> {
+        let (open, b'[') = open_bracket(self.text, self.at)? else { return None };
+        let rows = operand_before(self.text, open);
+        let inside = self.text.get(open + 1..closing(self.text, open)?)?.trim();
+        let sign = ["..", ":"].into_iter().find(|sign| inside.starts_with(sign))?;
+        let column = inside.strip_prefix(sign)?.trim().strip_prefix(',')?.trim();
+        let at = open + 1 + self.text.get(open + 1..)?.find(sign)?;
+        let is_one = parts(column).len() == 1 && !column.contains("..") && !column.contains(':');
+        let help = format!("a column is taken row by row: `[row[{column}] for row in {rows}]`");
+        (is_one && !rows.is_empty())
+            .then(|| habit(at, at + sign.len(), "the first index takes a row", "all rows?", help))?
     }
 
     fn plus(&self) -> Option<Habit> {
@@ -58,6 +121,15 @@ impl Stop<'_> {
             }
             (b'{', [base, fields @ ..]) => {
                 let base = base.trim_start_matches('.');
+                if let Some(own) = base.strip_prefix('{').and_then(|own| own.strip_suffix('}')) {
+                    let help = format!("write `{{ {}, {} }}`", own.trim(), fields.join(", "));
+                    return habit(open, close + 1, "a record is not spread", "not an operator", help);
+                }
+                if !base.chars().all(|c| c.is_ascii_alphanumeric() || "_.".contains(c)) {
+                    let help =
+                        format!("give what is spread a name: `let base = {base}`, then `base with {{ base.NAME: … }}`");
+                    return habit(self.at, self.at + sign.len(), "a record is not spread", "not an operator", help);
+                }
                 let fields: Vec<String> = fields.iter().map(|field| format!("{base}.{field}")).collect();
                 format!("{base} with {{ {} }}", fields.join(", "))
             }

@@ -76,6 +76,9 @@ pub fn find(text: &str, at: usize, declared: &dyn Fn(&str) -> bool) -> Option<Ha
         .or_else(|| stop.signs())
 }
 
+/// What is piped into most: behind a single bar such a name is a call, not a condition.
+const REDUCES: [&str; 10] = ["sum", "mean", "max", "min", "len", "norm", "abs", "sqrt", "sort", "normalize"];
+
 /// Where the parser stopped.
 struct Stop<'a> {
     text: &'a str,
@@ -290,8 +293,9 @@ impl<'a> Stop<'a> {
                     "->" | "→" | "⇒" => expression_after(self.text, end).to_owned(),
                     _ => self.operand(end),
                 };
-                let mut around =
-                    Around { before: operand_before(self.text, start), behind: &behind, ..Around::default() };
+                let before = operand_before(self.text, start);
+                let before = if is_reserved(before) { "" } else { before };
+                let mut around = Around { before, behind: &behind, ..Around::default() };
                 // `++x` begins a line of its own.
                 let begins = self.text[..start].trim_end_matches([' ', '\t']).ends_with('\n');
                 if matches!(op, "++" | "--") && begins {
@@ -328,6 +332,9 @@ impl<'a> Stop<'a> {
         let (before, behind) = (around.before, around.behind.trim());
         match op {
             "->" if (self.declared)(before) => Some(format!("write `{before}.{behind}`")),
+            "|" if REDUCES.contains(&behind) && !(self.declared)(behind) => {
+                Some(format!("write `{before} |> {behind}()`"))
+            }
             "|" if behind.ends_with(')') && leading_word(behind).len() < behind.len() => {
                 Some(format!("write `{before} |> {behind}`"))
             }
@@ -401,6 +408,20 @@ impl<'a> Stop<'a> {
                 && self.text.get(lead.len()..at)?.contains('\n');
         let in_block =
             self.first() == "fn" && open.is_some_and(|(at, b)| b == b'{' && self.text[..at].trim_end().ends_with(')'));
+        if lead == "let" && digits == left.len() && digits > 0 {
+            let start = at - (self.text.get(..at)?.len() - self.text.get(..at)?.trim_end().len()) - left.len();
+            let help = format!("write `let NAME = {right}`");
+            return habit(start, start + left.len(), "a value is no name", "expected a name", help);
+        }
+        // `let a = b = 3`
+        if let Some(first) = lead.strip_suffix('=').filter(|_| self.first() == "let" && is_name)
+            && !(self.declared)(left)
+            && open_bracket(self.text, at).is_none()
+        {
+            let help =
+                format!("each name has a `let` of its own: `let {left} = {right} {}= {left}`", first.trim_start());
+            return habit(at, at + 1, message, "a second declaration", help);
+        }
         if is_name && begins && in_block {
             let right = expression_after(self.text, at + 1);
             let help = format!("values are declared: `let {left} = {right}`");
@@ -511,6 +532,11 @@ impl<'a> Stop<'a> {
         }
         // `diffuse { reflectance: 0.5 }`
         let called = operand_before(self.text, at);
+        let is_index = before.len() == at && inside.parse::<i64>().is_ok() && !called.is_empty();
+        if is_index && self.rest().starts_with('{') {
+            let help = format!("write `{called}[{inside}]`");
+            return habit(at, at + 1, "an index stands in square brackets", "expected `[`", help);
+        }
         let is_value = before.strip_suffix(called)?.trim_end().ends_with(['=', ':', '(', ',', '[', '>']);
         let is_plain = !called.is_empty() && leading_word(called) == called && !is_reserved(called);
         if is_value && is_plain && self.rest().starts_with('{') && inside.contains(':') && !inside.contains('\n') {

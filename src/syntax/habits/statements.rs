@@ -9,6 +9,8 @@ impl Stop<'_> {
     /// `optimize fit, steps: 3`, `expect c: "why"`, `import a from "b"`, `plot v, title = "t"`, `f(x) = x`, `image.save("a.png")`.
     pub fn statement(&self) -> Option<Habit> {
         match self.first() {
+            "println" | "print" | "eprintln" | "format" if self.text.contains("!(") => self.formatted(),
+            "" => self.special_variable(),
             "optimize" => self.optimized(),
             "plot" => self.plotted(),
             "expect" => self.expected(),
@@ -139,6 +141,37 @@ impl Stop<'_> {
         };
         let why = if name.is_some() { "write" } else { "all names come with a file: write" };
         habit(start, start + rest.len(), "an import begins with the file", "not a file", format!("{why} `{typed}`"))
+    }
+
+    /// `println!("a {} b {}", x, y)`
+    fn formatted(&self) -> Option<Habit> {
+        let (start, word) = (self.text.len() - self.text.trim_start().len(), self.first());
+        let (items, _) = arguments(self.text, self.behind_first() + 1)?;
+        let (shape, values) = items.split_first()?;
+        let pieces: Vec<&str> = shape.split("{}").collect();
+        let fits = pieces.len() == values.len() + 1 && !values.iter().any(|value| value.contains(['"', '\n', '{']));
+        let mut shown = pieces.first()?.to_string();
+        for (value, piece) in values.iter().zip(&pieces[1..]) {
+            shown = format!("{shown}{{{value}}}{piece}");
+        }
+        let typed = if fits { shown } else { items.join(", ") };
+        let end = start + word.len() + 1;
+        habit(start, end, format!("there is no `{word}!`"), "not a statement", format!("write `print {typed}`"))
+    }
+
+    /// `$fn = 100`
+    fn special_variable(&self) -> Option<Habit> {
+        let rest = self.text.trim_start().strip_prefix('$')?;
+        let (name, start) = (leading_word(rest), self.text.len() - self.text.trim_start().len());
+        let value = operand_after(rest.get(name.len()..)?.trim_start().strip_prefix('=')?, 0);
+        let help = match name {
+            "fn" | "fa" | "fs" => {
+                format!("how fine a mesh is stands where it is made: `sphere(subdivisions: {value})`")
+            }
+            _ => format!("values are declared: `let {name} = {value}`"),
+        };
+        (!name.is_empty() && !value.is_empty())
+            .then(|| habit(start, start + 1 + name.len(), format!("there is no `${name}`"), "not a name", help))?
     }
 
     /// `save image > "a.png"`

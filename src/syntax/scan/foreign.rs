@@ -103,11 +103,28 @@ pub fn is_from(text: &str, at: usize) -> bool {
     text[line..at].trim_start().starts_with("from ")
 }
 
-/// The mark of another language's comment, and where the comment ends: `-- text`, `% text` and `; text` on lines of their own, `(* text *)`.
+/// The mark of another language's comment or decorator, and where it ends: `-- text`, `% text` and `; text` on lines of their own, `(* text *)`, three
+/// quotes around a text that is no value, `@jit` above a function.
 pub fn foreign_comment(text: &str, at: usize) -> Option<(&'static str, usize)> {
     let rest = &text[at..];
     if rest.starts_with("(*") {
         return rest.find("*)").map(|end| ("(*", at + end + 2));
+    }
+    let quotes = "\"\"\"";
+    if let Some(inner) = rest.strip_prefix(quotes) {
+        // Behind a sign it is meant as a text.
+        let before = text[..at].trim_end();
+        let goes_on = before.ends_with(['=', '(', ',', '[', ':', '+']) || before.ends_with("print");
+        let end = inner.find(quotes).map(|end| at + end + 2 * quotes.len());
+        return end.filter(|_| begins_line(text, at) && !goes_on).map(|end| (quotes, end));
+    }
+    if let Some(name) = rest.strip_prefix('@') {
+        let end = rest.find('\n')?;
+        let next = rest[end..].trim_start();
+        let is_of_function = ["fn ", "def ", "function ", "@"].iter().any(|word| next.starts_with(word));
+        let is_named = name.starts_with(|c: char| c.is_ascii_alphabetic());
+        return (is_named && is_of_function && begins_line(text, at))
+            .then_some(("@", at + rest[..end].trim_end().len()));
     }
     let mark = ["--", "%", ";"].into_iter().find(|mark| rest.starts_with(mark))?;
     let is_text = rest[mark.len()..].trim_start_matches([' ', '%', ';']).starts_with(char::is_alphabetic);
