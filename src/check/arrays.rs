@@ -14,6 +14,8 @@ use crate::syntax::ast;
 
 /// The numbers of longer ranges are not evaluated as constants.
 pub(super) const MOST_IN_RANGE: usize = 64;
+/// Most items of a range or comprehension.
+pub const MAX_ITEMS: f64 = (1u64 << 22) as f64;
 /// Longest chain of names and lists that is followed for the length of one.
 const DEEPEST: usize = 16;
 
@@ -380,6 +382,10 @@ impl Checker<'_> {
             }
             _ => rows,
         };
+        let item = match (&item, at) {
+            (Ty::Camera { .. } | Ty::Image { .. }, Some(x)) => self.size_at(&base.expr, x, DEEPEST).unwrap_or(item),
+            _ => item,
+        };
         // Of a list whose items are known it is known how many were left out, though not by its type.
         let n = n.or(match &base.value {
             Some(Const::List(items)) => Some(items.len()),
@@ -430,6 +436,41 @@ impl Checker<'_> {
             ExprKind::Slice { base, .. } => self.most_items(base, depth),
             ExprKind::Comprehension(c) => {
                 c.clauses.iter().try_fold(1_usize, |n, clause| n.checked_mul(self.most_items(&clause.items, depth)?))
+            }
+            _ => None,
+        }
+    }
+
+    /// The type of a camera or an image in a list whose items have different sizes, of which that of the list tells none: of cameras that are
+    /// written one by one, and of what such cameras see.
+    fn size_at(&self, list: &hir::Expr, at: f64, depth: usize) -> Option<Ty> {
+        let depth = depth.checked_sub(1)?;
+        // Where declarations are replaced, their lists are not those that are written.
+        if self.is_replacing || self.trial > 0 {
+            return None;
+        }
+        match &list.kind {
+            ExprKind::Array(items) => Some(items.get(position(at, items.len())?)?.ty.clone()),
+            ExprKind::Decl(id) if !self.renewed.contains(id) => {
+                self.size_at(self.slot(*id).hir.body.as_deref()?, at, depth)
+            }
+            ExprKind::Comprehension(c) => {
+                let [hir::ForClause { locals, items, condition: None }] = c.clauses.as_slice() else { return None };
+                let is_item = |e: &hir::Expr| matches!((&e.kind, locals.as_slice()), (ExprKind::Local(one), [item]) if one == item);
+                let item = || self.size_at(items, at, depth);
+                match (&c.element.kind, &c.element.ty) {
+                    _ if is_item(&c.element) => item(),
+                    (ExprKind::Call(call), &Ty::Image { channels, .. }) => {
+                        let hir::Callee::Native(id) = call.callee else { return None };
+                        hir::Rendering::named(&self.slot(id).name.text)?;
+                        let camera =
+                            self.slot(id).signature.as_ref()?.params.iter().position(|p| p.name == "camera")?;
+                        call.args.get(camera)?.as_ref().filter(|e| is_item(e))?;
+                        let Ty::Camera { height, width, made, .. } = item()? else { return None };
+                        Some(Ty::Image { height, width, channels, made })
+                    }
+                    _ => None,
+                }
             }
             _ => None,
         }
@@ -536,15 +577,24 @@ impl Checker<'_> {
             );
         }
         let count = match ends {
-            (Some(a), Some(b)) if (b - a) < 1e9 => {
-                Some(((b - a).ceil().max(0.0)) as usize + usize::from(inclusive && b >= a))
-            }
+            (Some(a), Some(b)) => Some((b - a).ceil().max(0.0) + f64::from(u8::from(inclusive && b >= a))),
             _ => None,
         };
+        let count = count.filter(|n| self.is_short_enough(*n, span)).map(|n| n as usize);
         let numbers = |(from, n): (f64, usize)| Const::List((0..n).map(|i| Const::Num(from + i as f64)).collect());
         let value = ends.0.zip(count.filter(|n| *n <= MOST_IN_RANGE)).map(numbers);
         let kind = ExprKind::Range { start: Box::new(start.expr), end: Box::new(end.expr), inclusive };
         Typed { value, ..typed(kind, span, Ty::Num(vec![count])) }
+    }
+
+    /// Whether a range of so many numbers may be made; if not, that is told.
+    fn is_short_enough(&mut self, count: f64, span: Span) -> bool {
+        let is_short = count <= MAX_ITEMS;
+        if !is_short {
+            let told = Diagnostic::error("dscene::value::refused", format!("a range of {count} items is too long"));
+            self.diagnostics.push(told.label(span, format!("{MAX_ITEMS} items at most")));
+        }
+        is_short
     }
 
     /// Checks a condition, which must be a bool.

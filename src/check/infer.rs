@@ -244,9 +244,14 @@ impl Checker<'_> {
         let condition =
             if test.expr.ty == Ty::Bool || test.expr.ty.is_unknown() { test.expr } else { self.condition(condition) };
         let (then, otherwise) = (self.branch(then, known, wanted), self.branch(otherwise, known.map(|k| !k), wanted));
-        let ty = match join(&then.expr.ty, &otherwise.expr.ty) {
-            Some(ty) => ty,
-            None => {
+        let ty = match (join(&then.expr.ty, &otherwise.expr.ty), known) {
+            // The films of the branches may have different sizes.
+            (Some(ty @ (Ty::Camera { .. } | Ty::Image { .. })), Some(taken)) => {
+                let taken = if taken { &then.expr.ty } else { &otherwise.expr.ty };
+                if taken.is_unknown() { ty } else { taken.clone() }
+            }
+            (Some(ty), _) => ty,
+            (None, _) => {
                 self.diagnostics.push(
                     Diagnostic::error("dscene::type::mismatch", "the branches of this `if` have different types")
                         .label(otherwise.expr.span, format!("this is `{}`", otherwise.expr.ty))

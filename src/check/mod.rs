@@ -59,6 +59,7 @@ use std::sync::Arc;
 use crate::diag::{self, Diagnostic};
 use crate::source::{SourceId, SourceMap};
 
+pub(crate) use arrays::MAX_ITEMS;
 pub(crate) use domains::domain_of_field;
 pub use domains::{Reached, domains, kept_inside};
 pub(crate) use fields::{field_type, fields_of, type_of};

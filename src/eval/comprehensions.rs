@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use crate::check::MAX_ITEMS;
 use crate::check::hir::{Callee, Comprehension, Expr, ExprKind, ForClause, Program};
 use crate::diag::Diagnostic;
 use crate::memory::{self, Shortage};
@@ -10,7 +11,7 @@ use crate::source::Span;
 use crate::stop;
 use crate::tape::{Slice, TapeError, Tensor, Var};
 
-use super::expr::{MAX_ITEMS, known};
+use super::expr::known;
 use super::{Engine, Result, error, mix};
 
 /// Bytes of memory per item of a comprehension, besides its numbers.

@@ -2,10 +2,10 @@
 
 use std::sync::Arc;
 
-use crate::check::domain_of_field;
 use crate::check::hir::{BinaryOp, Builtin, Expr, ExprKind, Replacement, StrFormat, StrPart, UnaryOp};
 use crate::check::text;
 use crate::check::types::Ty;
+use crate::check::{MAX_ITEMS, domain_of_field};
 use crate::memory;
 use crate::natives::{
     self,
@@ -17,9 +17,6 @@ use crate::tape::{Binary, Slice, Tensor, Var};
 
 use super::call::{Closure, function, holds_function, within};
 use super::{Engine, Result, World, error, mix, origin, show};
-
-/// Most items of a range or comprehension.
-pub(super) const MAX_ITEMS: f64 = (1u64 << 22) as f64;
 
 impl Engine {
     pub(super) fn expr(&mut self, e: &Expr) -> Result<Value> {

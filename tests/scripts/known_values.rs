@@ -292,3 +292,39 @@ fn declared_types_hold_for_functions_lengths_and_type_variables() {
         close(&value(script, "y"), &wanted, script);
     }
 }
+
+#[test]
+fn films_in_lists_and_branches_are_known() {
+    let scene = "shape ball { mesh: sphere() }\nlight sky = constant(1)\ncamera e { film: [4, 4] }\ncamera g { film: [5, 5] }\n\
+        let cs = [e, g]\nlet c = false\nlet late = sum(noise([1]) ^ 0) > 0\n";
+    let with_scene = |script: &str| format!("{scene}{script}");
+    refused_for(
+        &[
+            "let y = mse(render(cs[0]), render(cs[1]))",
+            "let y = mse(render(cs[-1]), render(e))",
+            "let v = [render(k) for k in cs]\nlet y = mse(v[0], v[1])",
+            "let v = [normal(k) for k in [e, g]]\nlet y = v[0] - v[1]",
+            "let v = [k for k in cs]\nlet y = mse(render(v[0]), render(v[1]))",
+            "let y = mse(render(if c then e else g), render(e))",
+        ]
+        .map(|script| (with_scene(script), "dscene::type::shape")),
+    );
+    for text in [
+        "mse(render(cs[0]), render(e))",
+        "mse(render(cs[1]), render(if c then e else g))",
+        "mse([render(k) for k in cs][1], render(g)) * 0",
+        "mse(render(if late then e else g), render(e))",
+    ] {
+        let found = errors(&with_scene(&format!("let y = {text}")));
+        assert!(found.is_empty(), "{text}: {found:#?}");
+    }
+}
+
+#[test]
+fn lists_that_no_memory_holds_are_told_before_the_run() {
+    refused_for(
+        &["let x = [i for i in 0..1e12]", "let x = sum(0..5000000)", "fn f(n) = [i for i in 0..n]\nlet x = f(1e9)"]
+            .map(|script| (script.to_owned(), "dscene::value::refused")),
+    );
+    close(&value("let x = if 1 > 2 then sum(0..1e12) else 3", "x"), &json!(3), "a branch that is not taken");
+}
