@@ -198,7 +198,7 @@ impl Lexer<'_> {
             match byte {
                 b'/' if self.bytes.get(start + 1) == Some(&b'/') => self.line_comment(),
                 b'/' if self.bytes.get(start + 1) == Some(&b'*') => self.block_comment(),
-                b'"' | b'@' if foreign_comment(self.text, start).is_some() => self.foreign_comment(),
+                b'"' | b'\'' | b'@' if foreign_comment(self.text, start).is_some() => self.foreign_comment(),
                 b'"' => {
                     self.string();
                     self.push(TokenKind::Other, start);
@@ -343,7 +343,7 @@ impl Lexer<'_> {
         let code = "dscene::syntax::comment";
         if !self.diagnostics.iter().any(|d| d.code == code) {
             let text = self.text[start + mark.len()..end].trim_start_matches(['#', '!']).trim_end_matches("*)");
-            let text = text.trim_end_matches("\"\"\"").trim();
+            let text = text.trim_end_matches("\"\"\"").trim_end_matches("'''").trim();
             let label = if mark == "#" { "begins a colour: `#ff8800`" } else { "begins no comment" };
             let told = match preprocessed(text).filter(|_| mark == "#") {
                 Some(help) => Diagnostic::error(code, "there is no preprocessor").help(help),

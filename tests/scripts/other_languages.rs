@@ -301,6 +301,11 @@ pub const ROWS: &[Row] = &[
     ("material m = plastic(ior: 1.4, diffuse: none)", "none", "", "material m = plastic(ior: 1.4)"),
     ("light l = spot(look_at: [0, 0, 0], position: [0, 2, 0], intensity: [0, 2, 0])", "look_at", "direction: [0, 0, 0] - [0, 2, 0]", "light l = spot(direction: [0, 0, 0] - [0, 2, 0], position: [0, 2, 0], intensity: [0, 2, 0])"),
     ("light l = spot(intensity: [0, 2, 0], look_at: v, position: [0, 2, 0])", "look_at", "direction: v - [0, 2, 0]", "light l = spot(intensity: [0, 2, 0], direction: v - [0, 2, 0], position: [0, 2, 0])"),
+    ("let a = vec![1, 2]", "vec![1, 2]", "[1, 2]", "let a = [1, 2]"),
+    ("println!(\"a\")", "println!", "print \"a\"", "print \"a\""),
+    ("shape s { ball with { ball.mesh: cube() } }", "{", "shape s = ball with { ball.mesh: cube() }", "shape s = ball with { ball.mesh: cube() }"),
+    ("let a = { b: , e: 2 }", ",", "b: …", "let a = { b: 1, e: 2 }"),
+    ("'''comment'''\nlet a = 3", "'''", "// comment", "// comment\nlet a = 3"),
 ];
 
 /// Scripts with one mistake, and the text that is to blame: what is to be typed has gaps, or there is nothing to type.
@@ -413,4 +418,6 @@ pub const ONE_CAUSE: &[(&str, &str)] = &[
     ("optimize fit { every 10 print n }", "print"),
     ("optimize { }", "{ }"),
     ("$fn = 100;\nlet a = 3", "$fn"),
+    ("shape s { mesh: cube(), material }", "material"),
+    ("print!(\"{}\", \"b\")", "print!"),
 ];

@@ -183,6 +183,14 @@ impl Stop<'_> {
             let is_plain = value.ends_with([')', '"']) || leading_word(value) == value && !is_reserved(value);
             value == *item && is_plain && value.starts_with(|c: char| c.is_ascii_alphabetic() || c == '"')
         };
+        if let [whole] = items[..]
+            && let Some(base) = whole.split_once(" with ").map(|(base, _)| base.trim())
+            && is_head
+            && leading_word(base) == base
+        {
+            let help = format!("write `{kind} {name} = {whole}`");
+            return habit(open, open + 1, "what is changed stands behind a `=`", "expected `=`", help);
+        }
         let first = items.iter().find(|item| is_value(item)).filter(|_| is_head)?;
         let is_call = first.ends_with(')');
         let at = open + 1 + self.text.get(open + 1..)?.find(first)?;
@@ -192,6 +200,8 @@ impl Stop<'_> {
                 let field = |item: &&str| match is_value(item) {
                     true if dicts::makes_material(leading_word(item)) => format!("material: {item}"),
                     true if item.starts_with('"') => format!("mesh: load({item})"),
+                    true if matches!(*item, "mesh" | "material") => format!("{item}: …"),
+                    true if items.iter().any(|other| other.starts_with("mesh")) => format!("material: {item}"),
                     true => format!("mesh: {item}"),
                     false => (*item).to_owned(),
                 };

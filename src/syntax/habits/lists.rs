@@ -13,6 +13,7 @@ impl Stop<'_> {
             .or_else(|| self.array_type())
             .or_else(|| self.type_argument())
             .or_else(|| self.column())
+            .or_else(|| self.list_macro())
             .or_else(|| self.plus())
             .or_else(|| self.spread())
             .or_else(|| self.by_blanks())
@@ -81,10 +82,19 @@ impl Stop<'_> {
         let sign = ["..", ":"].into_iter().find(|sign| inside.starts_with(sign))?;
         let column = inside.strip_prefix(sign)?.trim().strip_prefix(',')?.trim();
         let at = open + 1 + self.text.get(open + 1..)?.find(sign)?;
-        let is_one = parts(column).len() == 1 && !column.contains("..") && !column.contains(':');
+        let is_one = !column.is_empty() && !column.contains("..") && !column.contains(':');
         let help = format!("a column is taken row by row: `[row[{column}] for row in {rows}]`");
         (is_one && !rows.is_empty())
             .then(|| habit(at, at + sign.len(), "the first index takes a row", "all rows?", help))?
+    }
+
+    /// `vec![1, 2]`
+    fn list_macro(&self) -> Option<Habit> {
+        let (start, word) = self.previous();
+        let list = self.rest().strip_prefix('!').filter(|list| list.starts_with('[') && word == "vec")?;
+        let end = self.at + 1 + closing(list, 0)? + 1;
+        let help = format!("write `{}`", self.text.get(self.at + 1..end)?);
+        habit(start, end, "an array has its brackets alone", "not needed", help)
     }
 
     fn plus(&self) -> Option<Habit> {

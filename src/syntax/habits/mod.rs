@@ -560,6 +560,9 @@ impl<'a> Stop<'a> {
                 _ => item,
             })
             .collect();
+        if values.iter().any(|value| value.is_empty()) {
+            return None;
+        }
         let help = format!("values side by side are an array: `[{}]`", values.join(", "));
         habit(at, at + 1, "braces hold the fields of a record", "not a value", help)
     }

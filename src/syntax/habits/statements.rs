@@ -154,7 +154,7 @@ impl Stop<'_> {
         for (value, piece) in values.iter().zip(&pieces[1..]) {
             shown = format!("{shown}{{{value}}}{piece}");
         }
-        let typed = if fits { shown } else { items.join(", ") };
+        let typed = if fits || values.is_empty() { shown } else { values.join(", ") };
         let end = start + word.len() + 1;
         habit(start, end, format!("there is no `{word}!`"), "not a statement", format!("write `print {typed}`"))
     }

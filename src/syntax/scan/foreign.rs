@@ -110,7 +110,7 @@ pub fn foreign_comment(text: &str, at: usize) -> Option<(&'static str, usize)> {
     if rest.starts_with("(*") {
         return rest.find("*)").map(|end| ("(*", at + end + 2));
     }
-    let quotes = "\"\"\"";
+    let quotes = if rest.starts_with('\'') { "'''" } else { "\"\"\"" };
     if let Some(inner) = rest.strip_prefix(quotes) {
         // Behind a sign it is meant as a text.
         let before = text[..at].trim_end();
