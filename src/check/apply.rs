@@ -389,7 +389,7 @@ impl Checker<'_> {
             return (signature.result.as_ref().map_or(Ty::Error, |r| unknown_as_error(r.ty())), None);
         }
         let (ty, value) = self.instance(id, signature, found, span, site);
-        self.check_what_is_given(signature, (found, bound), &ty, span, site);
+        self.check_what_is_given(signature, found, bound, &ty, span, site);
         (ty, value)
     }
 
@@ -397,7 +397,8 @@ impl Checker<'_> {
     fn check_what_is_given(
         &mut self,
         signature: &Signature,
-        (found, bound): (&[Option<Typed>], &[(char, usize, Ty)]),
+        found: &[Option<Typed>],
+        bound: &[(char, usize, Ty)],
         ty: &Ty,
         span: Span,
         site: Site,
