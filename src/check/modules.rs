@@ -604,24 +604,6 @@ impl<'l> Checker<'l> {
         }
     }
 
-    /// Reports a name that one of these modules keeps to itself; false if none has it.
-    pub fn report_private(&mut self, name: &ast::Name, of: &[ModuleId]) -> bool {
-        if !is_private(&name.text) {
-            return false;
-        }
-        let mut own = of.iter().flat_map(|module| &self.modules[*module].own);
-        let Some(&id) = own.find(|id| self.slot(**id).name.text == name.text) else { return false };
-        let declared = self.slot(id).name.span;
-        let file = Path::new(self.sources.name(declared.source)).file_name().unwrap_or_default().to_string_lossy();
-        let shared = name.text.trim_start_matches('_');
-        let told = Diagnostic::error("dscene::name::private", format!("`{}` is seen in `{file}` only", name.text))
-            .label(name.span, "begins with `_`, so that other files do not see it")
-            .label(declared, "declared here")
-            .help(format!("to share it, call it `{shared}` where it is declared"));
-        self.diagnostics.push(told);
-        true
-    }
-
     fn library_module(&mut self, name: &str, span: Span) -> Option<ModuleId> {
         let short = name.strip_prefix("std.").unwrap_or(name);
         if let Some(&module) = self.library.get(short).filter(|_| short != name) {

@@ -1,8 +1,10 @@
 //! What is said of names that nothing has: what they are called here, or whose they are.
 
+use std::path::Path;
+
 use super::call::Given;
 use super::hir::DeclId;
-use super::modules::{Checker, PRELUDE, Signature};
+use super::modules::{Checker, ModuleId, PRELUDE, Signature, is_private};
 use super::signature::Sig;
 use super::types::Ty;
 use crate::diag::advice::{self, Around, Place};
@@ -15,6 +17,24 @@ use crate::syntax::{as_param, snippet};
 const LOOKED_THROUGH: usize = 100;
 
 impl Checker<'_> {
+    /// Reports a name that one of these modules keeps to itself; false if none has it.
+    pub fn report_private(&mut self, name: &ast::Name, of: &[ModuleId]) -> bool {
+        if !is_private(&name.text) {
+            return false;
+        }
+        let mut own = of.iter().flat_map(|module| &self.modules[*module].own);
+        let Some(&id) = own.find(|id| self.slot(**id).name.text == name.text) else { return false };
+        let declared = self.slot(id).name.span;
+        let file = Path::new(self.sources.name(declared.source)).file_name().unwrap_or_default().to_string_lossy();
+        let shared = name.text.trim_start_matches('_');
+        let told = Diagnostic::error("dscene::name::private", format!("`{}` is seen in `{file}` only", name.text))
+            .label(name.span, "begins with `_`, so that other files do not see it")
+            .label(declared, "declared here")
+            .help(format!("to share it, call it `{shared}` where it is declared"));
+        self.diagnostics.push(told);
+        true
+    }
+
     /// Reports a name that nothing has.
     pub fn report_unknown(&mut self, name: &str, span: Span, wanted: Option<&Sig>) {
         // What could not be read, or imported, may have declared it; letters that no name has were told.
