@@ -579,8 +579,7 @@ pub enum ExportFormat {
 pub struct EvalArgs {
     /// The script
     pub file: PathBuf,
-    /// The expression
-    #[arg(allow_hyphen_values = true)]
+    /// The expression; behind `--` if it begins with a minus
     pub expr: String,
     #[command(flatten)]
     pub common: Common,

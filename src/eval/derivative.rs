@@ -390,7 +390,7 @@ impl Engine {
         let mut slopes: Vec<Tensor> = Vec::new();
         // The node remembers what the differences depend on, so that differentiating them is an error and not zero.
         let mut from: Vec<Var> = value.var().into_iter().cloned().collect();
-        for k in 0..n {
+        for (k, [down, up]) in room.into_iter().enumerate() {
             stop::check();
             let mut side = |h: f64| -> Result<Var> {
                 let moved = |v: &Var| {
@@ -402,7 +402,6 @@ impl Engine {
                 let (_, shown) = temporary(&value, moved, span)?;
                 self.in_world(vec![(target.clone(), shown)], 0, |e| Ok(e.numbers(of)?.1))
             };
-            let [down, up] = room[k];
             let (h, at) = match down.min(up) >= step {
                 true => (step, vec![(step, 1.0), (-step, -1.0)]),
                 false => {
