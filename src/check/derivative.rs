@@ -168,6 +168,10 @@ impl Checker<'_> {
             self.expr(e, None);
             return None;
         };
+        // A declaration of the same name would be another thing than what the expression has.
+        if path.first().is_some_and(|first| self.report_local(first)) {
+            return None;
+        }
         let (target, ty) = self.target(&path)?;
         let is_param = matches!(self.slot(target.decl).statement.kind, StatementKind::Param(_));
         let numeric = ty.may_move() || ty == Ty::Texture;

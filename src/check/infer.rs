@@ -476,19 +476,24 @@ impl Checker<'_> {
         true
     }
 
+    /// Says of a name that it is one of a function, a block or a loop, where a declaration is wanted; whether it is.
+    pub fn report_local(&mut self, name: &ast::Name) -> bool {
+        let is_local = self.locals.iter().any(|local| local.name == name.text);
+        if is_local {
+            let message =
+                format!("this `{}` is a name of its function or block, not a declaration of the script", name.text);
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::param", message)
+                    .label(name.span, "changes from call to call")
+                    .help("derivatives are by a `param` and `with` replaces a declaration; if one of this name is meant, give the other another name"),
+            );
+        }
+        is_local
+    }
+
     /// `lamp` or `lamp.radiance`: a declaration and the fields that lead to a part of its value, with the part's type.
     pub fn target(&mut self, path: &[ast::Name]) -> Option<(hir::Target, Ty)> {
         let (first, rest) = path.split_first()?;
-        if self.locals.iter().any(|local| local.name == first.text) {
-            let message =
-                format!("this `{}` is a name of its function or block, not a declaration of the script", first.text);
-            self.diagnostics.push(
-                Diagnostic::error("dscene::type::param", message)
-                    .label(first.span, "changes from call to call")
-                    .help("derivatives are by a `param` and `with` replaces a declaration; if one of this name is meant, give the other another name"),
-            );
-            return None;
-        }
         let (decl, mut rest) = match self.lookup(&first.text) {
             Some(decl) => (decl, rest),
             None => match (self.modules[self.module].aliases.get(&first.text).copied(), rest.split_first()) {
@@ -500,6 +505,7 @@ impl Checker<'_> {
                     };
                     (decl, rest)
                 }
+                _ if self.report_local(first) => return None,
                 _ => {
                     self.report_unknown(&first.text, first.span, None);
                     return None;

@@ -84,17 +84,20 @@ fn a_local_name_does_not_stand_for_the_param_of_its_name() {
         "print [grad(x ^ 2, x) for x in [2, 3]]",
         "let f = x => grad(x ^ 2, x)\nprint f(3)",
         "fn f(a) {\n  let x = a + 1\n  grad(x ^ 2, x)\n}\nprint f(3)",
-        "fn f(x) = x with { x: 2 }\nprint f(3)",
+        "fn f(k) = k with { k: 2 }\nprint f(3)",
     ];
     for script in local {
         place.write("a.dscene", format!("param x = 1\n{script}\n"));
         let told = stderr(&place.dsl(&["check", "a.dscene"]));
         assert_eq!(told.matches("dscene::").count(), told.matches("dscene::type::param").count(), "{script}: {told}");
-        assert!(told.contains("this `x` is a name of its function or block"), "{script}: {told}");
+        assert!(told.contains("is a name of its function or block"), "{script}: {told}");
     }
-    place.write("a.dscene", "param x = 1\nfn f(y) = grad(y * x ^ 2, x)\nprint f(3), grad(f(2), x)\n");
+    // What stands on the left in a `with` is a declaration, whatever the value on the right is called.
+    let script = "param x = 1\nlet l = x ^ 2\nfn f(y) = grad(y * x ^ 2, x)\n\
+        print f(3), grad(f(2), x), [l with { x: x } for x in [2, 3]]\n";
+    place.write("a.dscene", script);
     let output = place.dsl(&["run", "a.dscene", "--out", "r", "--quiet"]);
-    assert_eq!(stdout(&output), "6 4\n", "{}", stderr(&output));
+    assert_eq!(stdout(&output), "6 4 [4, 9]\n", "{}", stderr(&output));
 }
 
 /// A function that a `with` gives sees what is replaced, whenever it is called; one more `with` around the call changes nothing of that.

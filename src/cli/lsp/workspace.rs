@@ -105,8 +105,8 @@ impl Server {
     }
 }
 
-/// Runs this program and tells the client how it ended: all that it has said goes to the log. A message, of which editors show one line, has the last
-/// of it (where a picture is, why a run ended), or the value of the loss that was differentiated.
+/// Runs this program and tells the client how it ended: all that it has said goes to the log. A message, of which editors show one line, has the first
+/// error, or else the last line (where a picture is), or the value of the loss that was differentiated.
 fn start(arguments: Vec<String>, folder: &Path, picture: Option<PathBuf>, tell: Output) -> Result<(), String> {
     let program = std::env::current_exe().map_err(|e| format!("cannot find dsl: {e}"))?;
     let child = Command::new(program)
@@ -127,9 +127,11 @@ fn start(arguments: Vec<String>, folder: &Path, picture: Option<PathBuf>, tell: 
         let message = format!("dsl {}\n{}", arguments.join(" "), text.trim());
         tell(&notification("window/logMessage", json!({"type": 3, "message": message})));
         let last = text.trim().lines().last().unwrap_or("").trim();
-        let line = match found.lines().next() {
-            Some(first) if is_fine && arguments[0] == "grad" => format!("{first}, gradient in the output"),
-            _ => last.to_owned(),
+        let wrong = said.lines().find_map(|line| line.trim_start().strip_prefix("× ")).filter(|_| !is_fine);
+        let line = match (wrong, found.lines().next()) {
+            (Some(wrong), _) => wrong.to_owned(),
+            (None, Some(first)) if is_fine && arguments[0] == "grad" => format!("{first}, gradient in the output"),
+            (None, _) => last.to_owned(),
         };
         let kind = if is_fine { 3 } else { 1 };
         tell(&notification("window/showMessage", json!({"type": kind, "message": line})));

@@ -493,6 +493,13 @@ fn lenses_run_what_they_stand_at() {
     let told = editor.next("the loss", |m| m["method"] == "window/showMessage");
     let line = told["params"]["message"].as_str().unwrap();
     assert!(line.starts_with("bowl = 4") && line.ends_with("gradient in the output"), "{line}");
+    // Where a run fails, that is why.
+    let wrong = editor.open(&place, "wrong.dscene", "let a = 1 + 2deg\nprint a\n");
+    place.write("wrong.dscene", "let a = 1 + 2deg\nprint a\n");
+    editor.result("workspace/executeCommand", json!({"command": "dscene.run", "arguments": [wrong]}));
+    let told = editor.next("the error", |m| m["method"] == "window/showMessage" && m["params"]["type"] == 1);
+    let line = told["params"]["message"].as_str().unwrap();
+    assert!(line.contains("angle") && !line.contains("says more"), "{line}");
     // A client that can is asked to show the picture.
     let mut able = Editor::initialized(&place, json!({"window": {"showDocument": {"support": true}}}));
     let uri = able.open(&place, "a.dscene", script);
