@@ -1,14 +1,12 @@
-//! pest's pairs → the tree.
+//! What the grammar read → the tree.
 
 mod expr;
-
-use pest::iterators::{Pair, Pairs};
 
 use expr::error;
 pub use expr::{binding, prefix};
 
 use super::ast::{self, Action, Expr, ExprKind, Field, Name, Plot, StatementKind};
-use super::grammar::Rule;
+use super::grammar::{Pair, Pairs, Rule};
 use super::scan::declared_name;
 use crate::diag::Diagnostic;
 use crate::source::{SourceId, Span};
@@ -26,10 +24,8 @@ pub struct Builder<'d> {
     pub unread: &'d mut Vec<String>,
 }
 
-type P<'i> = Pair<'i, Rule>;
-
 impl Builder<'_> {
-    pub fn statement(&mut self, pair: P) -> Option<StatementKind> {
+    pub fn statement(&mut self, pair: Pair) -> Option<StatementKind> {
         let pair = pair.into_inner().next()?;
         let span = self.span(&pair);
         self.statement_of(pair.as_rule(), Parts(pair.into_inner()), span)
@@ -197,7 +193,7 @@ impl Builder<'_> {
     }
 
     /// `name: value`, or a name that is its own value.
-    fn named_value(&mut self, pair: P) -> Option<Field> {
+    fn named_value(&mut self, pair: Pair) -> Option<Field> {
         let mut parts = Parts(pair.into_inner());
         let name = self.name(parts.0.next()?);
         let value = match parts.take(Rule::expr) {
@@ -208,7 +204,7 @@ impl Builder<'_> {
     }
 
     /// Braces without what is made small before them, and nothing in them.
-    fn without_loss(&mut self, braces: &P) -> Expr {
+    fn without_loss(&mut self, braces: &Pair) -> Expr {
         let span = self.span(braces);
         self.diagnostics.push(
             Diagnostic::error("dscene::syntax::unexpected", "this `optimize` has no loss")
@@ -218,9 +214,9 @@ impl Builder<'_> {
         Expr { kind: ExprKind::Error, span }
     }
 
-    fn then(&mut self, pair: P) -> ast::Then {
+    fn then(&mut self, pair: Pair) -> ast::Then {
         let span = self.span(&pair);
-        let renewal = |pair: P| {
+        let renewal = |pair: Pair| {
             let mut parts = Parts(pair.into_inner());
             let word = self.name(parts.find(Rule::renewed)?);
             let name = self.name(parts.find(Rule::ident)?);
@@ -232,7 +228,7 @@ impl Builder<'_> {
         }
     }
 
-    pub fn expr(&mut self, pair: P) -> Expr {
+    pub fn expr(&mut self, pair: Pair) -> Expr {
         let span = self.span(&pair);
         let mut parts = pair.into_inner();
         let Some(level) = self.deeper(parts.len().max(1), span) else { return error(span) };
@@ -264,14 +260,12 @@ impl Builder<'_> {
         Some(level)
     }
 
-    fn span(&self, pair: &P) -> Span {
-        let span = pair.as_span();
-        // Rules with trailing optional parts may end in white space.
-        let end = span.start() + span.as_str().trim_end().len();
-        Span::new(self.source, self.offset + span.start(), self.offset + end)
+    fn span(&self, pair: &Pair) -> Span {
+        let start = self.offset + pair.start();
+        Span::new(self.source, start, start + pair.trimmed().len())
     }
 
-    fn name(&self, pair: P) -> Name {
+    fn name(&self, pair: Pair) -> Name {
         Name { text: pair.as_str().to_owned(), span: self.span(&pair) }
     }
 
@@ -294,7 +288,7 @@ impl Builder<'_> {
         Some(StatementKind::Import(ast::Import { from, alias, span }))
     }
 
-    fn bounds(&mut self, pair: P) -> Option<ast::Bounds> {
+    fn bounds(&mut self, pair: Pair) -> Option<ast::Bounds> {
         let span = self.span(&pair);
         let (mut is_open_below, mut is_open_above, mut ends) = (false, false, None);
         for part in pair.into_inner() {
@@ -323,7 +317,7 @@ impl Builder<'_> {
         }
     }
 
-    fn parameter(&mut self, pair: P) -> Option<ast::FnParam> {
+    fn parameter(&mut self, pair: Pair) -> Option<ast::FnParam> {
         let mut parts = Parts(pair.into_inner());
         let name = self.name(parts.find(Rule::ident)?);
         let ty = parts.take(Rule::type_).map(|p| self.ty(p));
@@ -333,7 +327,7 @@ impl Builder<'_> {
     }
 
     /// `in 0<..1`
-    fn domain(&mut self, pair: P) -> ast::Domain {
+    fn domain(&mut self, pair: Pair) -> ast::Domain {
         let span = self.span(&pair);
         let mut domain = ast::Domain {
             low: f64::NEG_INFINITY,
@@ -379,7 +373,7 @@ impl Builder<'_> {
         domain
     }
 
-    fn fields(&mut self, pair: P) -> Vec<Field> {
+    fn fields(&mut self, pair: Pair) -> Vec<Field> {
         pair.into_inner().filter_map(|p| self.field(Parts(p.into_inner()))).collect()
     }
 
@@ -388,7 +382,7 @@ impl Builder<'_> {
         Some(Field { name, value: self.expr(parts.find(Rule::expr)?) })
     }
 
-    fn action(&mut self, pair: P) -> Option<Action> {
+    fn action(&mut self, pair: Pair) -> Option<Action> {
         let span = self.span(&pair);
         let rule = pair.as_rule();
         self.simple_action(rule, Parts(pair.into_inner()), span)
@@ -421,11 +415,11 @@ impl Builder<'_> {
         }
     }
 
-    fn expr_or_block(&mut self, pair: P) -> Expr {
+    fn expr_or_block(&mut self, pair: Pair) -> Expr {
         if pair.as_rule() == Rule::block { self.block(pair) } else { self.expr(pair) }
     }
 
-    fn block(&mut self, pair: P) -> Expr {
+    fn block(&mut self, pair: Pair) -> Expr {
         let span = self.span(&pair);
         let mut lets = Vec::new();
         let mut body = error(span);
@@ -439,7 +433,7 @@ impl Builder<'_> {
         Expr { kind: ExprKind::Block { lets, body: Box::new(body) }, span }
     }
 
-    fn block_let(&mut self, pair: P) -> Option<(Name, Option<ast::Type>, Expr)> {
+    fn block_let(&mut self, pair: Pair) -> Option<(Name, Option<ast::Type>, Expr)> {
         let mut parts = Parts(pair.into_inner());
         let (name, ty) = (parts.find(Rule::ident)?, parts.take(Rule::type_));
         let (name, ty) = (self.name(name), ty.map(|p| self.ty(p)));
@@ -447,12 +441,12 @@ impl Builder<'_> {
         Some((name, ty, self.expr_or_block(value)))
     }
 
-    fn ty(&mut self, pair: P) -> ast::Type {
+    fn ty(&mut self, pair: Pair) -> ast::Type {
         let span = self.span(&pair);
         ast::Type { choices: pair.into_inner().filter_map(|p| self.type_atom(p)).collect(), span }
     }
 
-    fn type_atom(&mut self, pair: P) -> Option<ast::TypeAtom> {
+    fn type_atom(&mut self, pair: Pair) -> Option<ast::TypeAtom> {
         let span = self.span(&pair);
         let mut parts = pair.into_inner();
         let head = parts.next()?;
@@ -484,16 +478,16 @@ impl Builder<'_> {
 }
 
 /// The children of a pair, taken in order.
-struct Parts<'i>(Pairs<'i, Rule>);
+struct Parts<'i>(Pairs<'i>);
 
 impl<'i> Parts<'i> {
     /// The next child of that rule; what stands before it (keywords) is skipped.
-    fn find(&mut self, rule: Rule) -> Option<P<'i>> {
+    fn find(&mut self, rule: Rule) -> Option<Pair<'i>> {
         self.0.find(|p| p.as_rule() == rule)
     }
 
     /// The next child if it is of that rule (after keywords).
-    fn take(&mut self, rule: Rule) -> Option<P<'i>> {
+    fn take(&mut self, rule: Rule) -> Option<Pair<'i>> {
         while self.0.peek().is_some_and(|p| p.as_rule() == Rule::kw_as) {
             self.0.next();
         }

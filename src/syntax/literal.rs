@@ -16,7 +16,8 @@ pub struct Wrong {
 pub fn number(text: &str) -> Result<ExprKind, Wrong> {
     let digits_end = number_end(text);
     let (digits, unit) = text.split_at(digits_end);
-    let Ok(value) = digits.replace('_', "").parse::<f64>() else {
+    let value = if digits.contains('_') { digits.replace('_', "").parse() } else { digits.parse::<f64>() };
+    let Ok(value) = value else {
         return Err(wrong(
             "dscene::syntax::number",
             format!("`{text}` is not a number"),

@@ -14,14 +14,12 @@ pub use format::format;
 pub(crate) use habits::heads::as_param;
 pub use scan::{KINDS, declared_name, is_blank, is_incomplete, is_reserved, statement_words};
 
-use pest::Parser;
-use pest::iterators::Pair;
 use rayon::prelude::*;
 
 use crate::diag::{self, Diagnostic, Severity};
 use crate::source::{SourceId, SourceMap, Span};
 use build::Builder;
-use grammar::{Grammar, Rule};
+use grammar::{Node, Pair, Rule};
 
 /// More diagnostics than this of one file are not told.
 const MAX_DIAGNOSTICS: usize = 100;
@@ -44,23 +42,20 @@ struct Read {
 }
 
 /// Is shown the pairs of a statement, and where its text begins.
-type Visit<'v> = dyn FnMut(usize, Pair<Rule>) + 'v;
+type Visit<'v> = dyn FnMut(usize, Pair) + 'v;
 
-/// Reads one statement; `visit` is shown it if nothing is wrong with it.
-fn read_statement(source: SourceId, text: &str, start: usize, visit: &mut Visit) -> Read {
+/// Reads one statement; `visit` is shown it if nothing is wrong with it. `nodes` are memory that is used again.
+fn read_statement(source: SourceId, text: &str, start: usize, nodes: &mut Vec<Node>, visit: &mut Visit) -> Read {
     let (mut diagnostics, mut unread) = (Vec::new(), Vec::new());
-    let statement = match Grammar::parse(Rule::statement, text) {
-        Ok(mut pairs) => Ok(pairs.next().and_then(|pair| {
-            let (diagnostics, unread) = (&mut diagnostics, &mut unread);
-            let mut builder = Builder { source, offset: start, level: 0, diagnostics, unread };
-            let kind = builder.statement(pair.clone())?;
-            if !builder.diagnostics.iter().any(Diagnostic::is_error) {
-                visit(start, pair);
-            }
-            Some(kind)
-        })),
-        Err(error) => Err(Box::new(error)),
-    };
+    let statement = grammar::read(Rule::statement, text, nodes).map(|pair| {
+        let (diagnostics, unread) = (&mut diagnostics, &mut unread);
+        let mut builder = Builder { source, offset: start, level: 0, diagnostics, unread };
+        let kind = builder.statement(pair)?;
+        if !builder.diagnostics.iter().any(Diagnostic::is_error) {
+            visit(start, pair);
+        }
+        Some(kind)
+    });
     Read { statement, diagnostics, unread }
 }
 
@@ -70,20 +65,21 @@ const LONG: usize = 1 << 16;
 /// Reads all statements, each for itself: those of a long text in parallel, unless they are shown to `visit`, one after another up to the first
 /// error.
 fn read_each(source: SourceId, scan: &scan::Scan, visit: Option<&mut Visit>) -> Vec<Option<Read>> {
-    let read = |piece: &scan::Piece, visit: &mut Visit| {
+    let read = |nodes: &mut Vec<Node>, piece: &scan::Piece, visit: &mut Visit| {
         let text = scan.text.get(piece.start..piece.end).filter(|_| !piece.broken)?;
-        Some(read_statement(source, text, piece.start, visit))
+        Some(read_statement(source, text, piece.start, nodes, visit))
     };
+    let mut nodes = Vec::new();
     let Some(visit) = visit else {
-        let alone = |piece: &scan::Piece| read(piece, &mut |_, _| ());
+        let alone = |nodes: &mut Vec<Node>, piece: &scan::Piece| read(nodes, piece, &mut |_, _| ());
         return match scan.text.len() < LONG {
-            true => scan.pieces.iter().map(alone).collect(),
-            false => scan.pieces.par_iter().with_min_len(64).map(alone).collect(),
+            true => scan.pieces.iter().map(|piece| alone(&mut nodes, piece)).collect(),
+            false => scan.pieces.par_iter().with_min_len(64).map_init(Vec::new, alone).collect(),
         };
     };
     let mut fine = !scan.diagnostics.iter().any(Diagnostic::is_error);
     let shown = |piece: &scan::Piece| {
-        let read = if fine { read(piece, visit) } else { read(piece, &mut |_, _| ()) };
+        let read = if fine { read(&mut nodes, piece, visit) } else { read(&mut nodes, piece, &mut |_, _| ()) };
         fine &= read.as_ref().is_some_and(|r| r.statement.is_ok() && !r.diagnostics.iter().any(Diagnostic::is_error));
         read
     };
@@ -158,14 +154,13 @@ pub fn parse_expr(sources: &SourceMap, source: SourceId) -> (Option<ast::Expr>, 
     if !diagnostics.is_empty() {
         return (None, diagnostics);
     }
-    let parsed =
-        Grammar::parse(Rule::line, &scan.text).map(|mut pairs| pairs.next().and_then(|p| p.into_inner().next()));
-    let expr = match parsed {
-        Ok(pair) => {
+    let mut nodes = Vec::new();
+    let expr = match grammar::read(Rule::line, &scan.text, &mut nodes) {
+        Ok(line) => {
             file.set_outline(&scan.text, std::iter::empty());
             let (diagnostics, unread) = (&mut diagnostics, &mut Vec::new());
             let mut builder = Builder { source, offset: 0, level: 0, diagnostics, unread };
-            pair.map(|p| builder.expr(p))
+            line.into_inner().next().map(|p| builder.expr(p))
         }
         Err(error) => {
             diagnostics.push(errors::explain_expr(&error, &scan.text, source));
@@ -173,6 +168,16 @@ pub fn parse_expr(sources: &SourceMap, source: SourceId) -> (Option<ast::Expr>, 
         }
     };
     (expr.filter(|_| diagnostics.is_empty()), diagnostics)
+}
+
+/// A property for tests: whether the fast reader of statements and of expressions finds in a text what pest's parser does.
+pub fn readers_agree(text: &str) -> bool {
+    let scan = scan::scan(SourceId(0), text);
+    let read = |piece: &scan::Piece| scan.text.get(piece.start..piece.end).filter(|_| !piece.broken);
+    scan.pieces
+        .iter()
+        .filter_map(read)
+        .all(|text| grammar::agree(Rule::statement, text) && grammar::agree(Rule::line, text))
 }
 
 /// Whether a text is a colour in hexadecimal digits.

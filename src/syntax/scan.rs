@@ -495,11 +495,9 @@ fn split(source: SourceId, text: &str, tokens: &[Token], diagnostics: &mut Vec<D
                 }
             },
             TokenKind::Word => {
-                let begins = begins_statement(tokens, i, &word, text);
-                let at_margin = token.start == 0 || text.as_bytes()[token.start - 1] == b'\n';
-                if begins && open.is_empty() {
-                    starts.push(token.start);
-                } else if begins && !balanced && at_margin {
+                let at_margin = || token.start == 0 || text.as_bytes()[token.start - 1] == b'\n';
+                let may_begin = open.is_empty() || !balanced && at_margin();
+                if may_begin && begins_statement(tokens, i, &word, text) {
                     // A statement at the margin inside brackets of a file that does not balance: the bracket was forgotten.
                     report_unclosed(source, text, &mut open, &mut broken, diagnostics);
                     starts.push(token.start);

@@ -51,8 +51,10 @@ fn assert_told(diagnostics: &[Diagnostic], sources: &SourceMap) {
     render_all(diagnostics, sources, RenderOptions::plain());
 }
 
-/// Parsing gives a tree and diagnostics, both with places in the text; statements do not overlap.
+/// Parsing gives a tree and diagnostics, both with places in the text; statements do not overlap. The reader that `grammar/build.rs` makes
+/// finds what pest's parser does.
 pub fn parser(text: &str) {
+    assert!(syntax::readers_agree(text), "the reader of right statements and pest's parser find different things");
     let mut sources = SourceMap::new();
     let source = sources.add("fuzzed.dscene", None, text);
     let (tree, diagnostics) = syntax::parse(&sources, source);

@@ -72,6 +72,7 @@ fn text(scripts: &[String], dice: &mut Dice) -> String {
 #[test]
 fn parser() {
     let scripts = scripts();
+    scripts.iter().for_each(|text| properties::parser(text));
     fuzz("parser", 1.5, |dice| text(&scripts, dice), String::clone, |text| properties::parser(text));
 }
 

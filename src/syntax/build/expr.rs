@@ -1,6 +1,6 @@
 //! Expressions: precedence of operators, literals and units.
 
-use super::{Builder, P, Pairs, Parts};
+use super::{Builder, Pair, Pairs, Parts};
 use crate::diag::Diagnostic;
 use crate::source::Span;
 use crate::syntax::ast::{self, BinaryOp, Expr, ExprKind, UnaryOp};
@@ -8,7 +8,7 @@ use crate::syntax::grammar::Rule;
 use crate::syntax::literal;
 
 impl Builder<'_> {
-    pub(super) fn replacement(&mut self, pair: P) -> Option<ast::Replacement> {
+    pub(super) fn replacement(&mut self, pair: Pair) -> Option<ast::Replacement> {
         let mut parts = Parts(pair.into_inner());
         let target = parts.find(Rule::target)?;
         let span = self.span(&target);
@@ -22,7 +22,7 @@ impl Builder<'_> {
     }
 
     /// `x |> f(y)` is `f(x, y)`, and `x |> f` is `f(x)`.
-    pub(super) fn pipe(&mut self, pair: P) -> Expr {
+    pub(super) fn pipe(&mut self, pair: Pair) -> Expr {
         let span = self.span(&pair);
         let mut parts = pair.into_inner();
         let Some(level) = self.deeper(parts.len().saturating_sub(1), span) else { return error(span) };
@@ -45,7 +45,7 @@ impl Builder<'_> {
         value
     }
 
-    pub(super) fn choice(&mut self, pair: P) -> Expr {
+    pub(super) fn choice(&mut self, pair: Pair) -> Expr {
         let span = self.span(&pair);
         let nested = usize::from(pair.as_rule() != Rule::logic);
         let Some(level) = self.deeper(nested, span) else { return error(span) };
@@ -85,7 +85,7 @@ impl Builder<'_> {
     }
 
     /// A flat run of prefixes, operands and infix operators, ordered by precedence climbing.
-    pub(super) fn logic(&mut self, pair: P) -> Expr {
+    pub(super) fn logic(&mut self, pair: Pair) -> Expr {
         let span = self.span(&pair);
         let mut items = pair.into_inner();
         let Some(level) = self.deeper(items.len().saturating_sub(1), span) else { return error(span) };
@@ -94,7 +94,7 @@ impl Builder<'_> {
         expr
     }
 
-    fn climb(&mut self, items: &mut Pairs<Rule>, min: u8) -> Option<Expr> {
+    fn climb(&mut self, items: &mut Pairs, min: u8) -> Option<Expr> {
         let first = items.next()?;
         let mut left = if first.as_rule() == Rule::prefix {
             let start = self.span(&first);
@@ -181,7 +181,7 @@ impl Builder<'_> {
         }
     }
 
-    fn operand(&mut self, pair: P) -> Expr {
+    fn operand(&mut self, pair: Pair) -> Expr {
         let span = self.span(&pair);
         let mut parts = pair.into_inner();
         let Some(level) = self.deeper(parts.len().saturating_sub(1), span) else { return error(span) };
@@ -207,13 +207,13 @@ impl Builder<'_> {
         value
     }
 
-    fn argument(&mut self, pair: P) -> Option<ast::Argument> {
+    fn argument(&mut self, pair: Pair) -> Option<ast::Argument> {
         let mut parts = Parts(pair.into_inner());
         let name = parts.take(Rule::word).map(|p| self.name(p));
         Some(ast::Argument { name, value: self.expr(parts.find(Rule::expr)?) })
     }
 
-    fn index(&mut self, base: Box<Expr>, pair: P) -> ExprKind {
+    fn index(&mut self, base: Box<Expr>, pair: Pair) -> ExprKind {
         let span = self.span(&pair);
         let parts = pair.into_inner();
         // Each index is a level of the tree.
@@ -225,7 +225,7 @@ impl Builder<'_> {
 
     /// `a[i, j]` is `a[i][j]`, and `a[0..2, j]` is the `[row[j] for row in a[0..2]]` that a user would write, whose rows have a name that
     /// no user can.
-    fn index_by(&mut self, base: Box<Expr>, parts: &mut std::iter::Peekable<Pairs<Rule>>) -> ExprKind {
+    fn index_by(&mut self, base: Box<Expr>, parts: &mut std::iter::Peekable<Pairs>) -> ExprKind {
         let Some(mut first) = parts.next() else { return ExprKind::Error };
         let mut base = base;
         // All but the last index.
@@ -265,7 +265,7 @@ impl Builder<'_> {
     }
 
     /// What an operand begins with.
-    fn primary(&mut self, pair: P) -> Expr {
+    fn primary(&mut self, pair: Pair) -> Expr {
         let span = self.span(&pair);
         let kind = match pair.as_rule() {
             Rule::number => self.number(pair.as_str(), span),
@@ -288,7 +288,7 @@ impl Builder<'_> {
     }
 
     /// `{ cam: front, photo }`
-    fn record(&mut self, pair: P, span: Span) -> ExprKind {
+    fn record(&mut self, pair: Pair, span: Span) -> ExprKind {
         let fields: Vec<ast::Field> = pair.into_inner().filter_map(|entry| self.named_value(entry)).collect();
         if fields.is_empty() {
             self.diagnostics.push(
@@ -302,7 +302,7 @@ impl Builder<'_> {
     }
 
     /// `[a, b]`, `[e for x in xs]` or `[{ let … e } for x in xs]`.
-    fn array(&mut self, pair: P, span: Span) -> ExprKind {
+    fn array(&mut self, pair: Pair, span: Span) -> ExprKind {
         let mut elements = Vec::new();
         let mut clauses = Vec::new();
         for part in pair.into_inner() {
@@ -319,7 +319,7 @@ impl Builder<'_> {
         ExprKind::Comprehension { element: Box::new(element), clauses }
     }
 
-    fn for_clause(&mut self, pair: P) -> Option<ast::ForClause> {
+    fn for_clause(&mut self, pair: Pair) -> Option<ast::ForClause> {
         let mut names = Vec::new();
         let mut exprs = Vec::new();
         for part in pair.into_inner() {
@@ -333,7 +333,7 @@ impl Builder<'_> {
         Some(ast::ForClause { names, items: exprs.next()?, condition: exprs.next() })
     }
 
-    pub(super) fn signed(&mut self, pair: P) -> Expr {
+    pub(super) fn signed(&mut self, pair: Pair) -> Expr {
         let span = self.span(&pair);
         match pair.as_str().strip_prefix('-') {
             None => Expr { kind: self.number(pair.as_str(), span), span },
@@ -357,7 +357,7 @@ impl Builder<'_> {
         })
     }
 
-    pub(super) fn string(&mut self, pair: P) -> Vec<ast::StrPart> {
+    pub(super) fn string(&mut self, pair: Pair) -> Vec<ast::StrPart> {
         let mut parts: Vec<ast::StrPart> = Vec::new();
         let mut text = String::new();
         for part in pair.into_inner() {

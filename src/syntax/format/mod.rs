@@ -7,13 +7,13 @@ mod cursor;
 mod layout;
 mod rules;
 
+use super::grammar::{Pair, Rule};
 use super::scan::{self, Scan};
-use super::{Rule, parse, read};
+use super::{parse, read};
 use crate::diag::Diagnostic;
 use crate::source::{SourceId, SourceMap};
 use cursor::Cursor;
 use layout::{Doc, Printer};
-use pest::iterators::Pair;
 use rules::Layout;
 
 /// The text of a source, laid out anew; or why it cannot be read. All lines end as most lines of the file do.
@@ -56,7 +56,7 @@ fn errors(diagnostics: Vec<Diagnostic>) -> Vec<Diagnostic> {
 fn laid_out(source: SourceId, text: &str, scan: &Scan, printer: &mut Printer) -> Vec<Diagnostic> {
     let mut layout = Layout { cursor: Cursor::new(text, scan), offset: 0 };
     let mut docs: Vec<Doc> = Vec::new();
-    let mut visit = |start: usize, pair: Pair<Rule>| {
+    let mut visit = |start: usize, pair: Pair| {
         layout.offset = start;
         layout.cursor.trailing(&mut docs);
         docs.push(Doc::Fresh);

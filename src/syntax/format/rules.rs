@@ -2,15 +2,11 @@
 
 use std::iter::Peekable;
 
-use pest::iterators::{Pair, Pairs};
-
 use super::cursor::Cursor;
 use super::layout::Doc;
 use crate::syntax::build;
-use crate::syntax::grammar::Rule;
+use crate::syntax::grammar::{Pair, Pairs, Rule};
 use crate::syntax::is_reserved;
-
-type P<'i> = Pair<'i, Rule>;
 
 pub struct Layout<'t> {
     pub cursor: Cursor<'t>,
@@ -30,7 +26,7 @@ struct Item<'t> {
 }
 
 impl<'t> Layout<'t> {
-    pub fn node(&mut self, pair: P, out: &mut Vec<Doc<'t>>) {
+    pub fn node(&mut self, pair: Pair, out: &mut Vec<Doc<'t>>) {
         match pair.as_rule() {
             Rule::call | Rule::parameters => {
                 self.cursor.wants_space = false;
@@ -82,20 +78,20 @@ impl<'t> Layout<'t> {
         }
     }
 
-    fn start(&self, pair: &P) -> usize {
-        self.offset + pair.as_span().start()
+    fn start(&self, pair: &Pair) -> usize {
+        self.offset + pair.start()
     }
 
-    fn end(&self, pair: &P) -> usize {
-        self.start(pair) + pair.as_str().trim_end().len()
+    fn end(&self, pair: &Pair) -> usize {
+        self.start(pair) + pair.trimmed().len()
     }
 
-    fn word(&mut self, pair: &P, out: &mut Vec<Doc<'t>>) {
+    fn word(&mut self, pair: &Pair, out: &mut Vec<Doc<'t>>) {
         self.cursor.word(self.end(pair), out);
     }
 
     /// The parts of a pair, and the signs and brackets between them.
-    fn parts(&mut self, pair: P, out: &mut Vec<Doc<'t>>) {
+    fn parts(&mut self, pair: Pair, out: &mut Vec<Doc<'t>>) {
         let end = self.end(&pair);
         let mut parts = pair.clone().into_inner().peekable();
         if parts.peek().is_none() && !matches!(self.cursor.peek(), "(" | "[" | "{") {
@@ -104,7 +100,7 @@ impl<'t> Layout<'t> {
         self.rest_of_parts(&mut parts, end, out);
     }
 
-    fn rest_of_parts(&mut self, parts: &mut Peekable<Pairs<Rule>>, end: usize, out: &mut Vec<Doc<'t>>) {
+    fn rest_of_parts(&mut self, parts: &mut Peekable<Pairs>, end: usize, out: &mut Vec<Doc<'t>>) {
         let mut is_value = false;
         loop {
             let until = parts.peek().map_or(end, |p| self.start(p));
@@ -133,7 +129,7 @@ impl<'t> Layout<'t> {
     }
 
     /// What stands behind a `=`. If it begins and ends with brackets or names, these break; if it is a run of operators, it hangs.
-    fn value(&mut self, pair: P, out: &mut Vec<Doc<'t>>) {
+    fn value(&mut self, pair: Pair, out: &mut Vec<Doc<'t>>) {
         self.cursor.wants_space = false;
         let mut docs = Vec::new();
         self.node(pair, &mut docs);
@@ -147,7 +143,7 @@ impl<'t> Layout<'t> {
     }
 
     /// `{ … }`: on one line if it was written on one, and fits; otherwise each item has a line, and needs no comma.
-    fn braces(&mut self, parts: &mut Peekable<Pairs<Rule>>, out: &mut Vec<Doc<'t>>) {
+    fn braces(&mut self, parts: &mut Peekable<Pairs>, out: &mut Vec<Doc<'t>>) {
         let start = self.cursor.start();
         let open = self.cursor.open(out);
         let mut inner = Vec::new();
@@ -191,7 +187,7 @@ impl<'t> Layout<'t> {
     }
 
     /// The elements of a call, of a function's parameters or of an array: on one line if they fit there, else each has one.
-    fn list(&mut self, pair: P, out: &mut Vec<Doc<'t>>) {
+    fn list(&mut self, pair: Pair, out: &mut Vec<Doc<'t>>) {
         let rule = pair.as_rule();
         let open = self.cursor.open(out);
         let mut first = Vec::new();
@@ -260,7 +256,7 @@ impl<'t> Layout<'t> {
     }
 
     /// A list of plain numbers.
-    fn numbers(&mut self, pair: P, out: &mut Vec<Doc<'t>>) {
+    fn numbers(&mut self, pair: Pair, out: &mut Vec<Doc<'t>>) {
         self.cursor.open(out);
         let mut items = Vec::new();
         self.cursor.trailing(&mut items);
@@ -280,7 +276,7 @@ impl<'t> Layout<'t> {
     }
 
     /// A run of operators, as they bind: a line breaks before those that bind loosest first.
-    fn climb(&mut self, items: &mut Peekable<Pairs<Rule>>, min: u8) -> Vec<Doc<'t>> {
+    fn climb(&mut self, items: &mut Peekable<Pairs>, min: u8) -> Vec<Doc<'t>> {
         let mut left = Vec::new();
         match items.next() {
             Some(prefix) if prefix.as_rule() == Rule::prefix => {
@@ -291,7 +287,7 @@ impl<'t> Layout<'t> {
             Some(operand) => self.node(operand, &mut left),
             None => {}
         }
-        let binding = |items: &mut Peekable<Pairs<Rule>>| items.peek().map(|op| build::binding(op.as_str()));
+        let binding = |items: &mut Peekable<Pairs>| items.peek().map(|op| build::binding(op.as_str()));
         while let Some((power, _)) = binding(items).filter(|b| b.0 >= min) {
             let mut right = Vec::new();
             let mut may_break = true;
@@ -322,7 +318,7 @@ impl<'t> Layout<'t> {
     }
 
     /// `x |> f() |> g()`: all on one line, or a line for each step.
-    fn pipe(&mut self, pair: P, out: &mut Vec<Doc<'t>>) {
+    fn pipe(&mut self, pair: Pair, out: &mut Vec<Doc<'t>>) {
         let mut parts = pair.into_inner();
         let Some(first) = parts.next() else { return };
         if parts.peek().is_none() {
@@ -340,7 +336,7 @@ impl<'t> Layout<'t> {
     }
 
     /// `if a then b else if c then d else e`: all on one line, or a line for each `else`.
-    fn if_(&mut self, pair: P, out: &mut Vec<Doc<'t>>) {
+    fn if_(&mut self, pair: Pair, out: &mut Vec<Doc<'t>>) {
         let (mut docs, mut otherwise) = (Vec::new(), Vec::new());
         let mut next = Some(pair);
         while let Some(pair) = next.take() {
@@ -380,7 +376,7 @@ impl<'t> Layout<'t> {
     }
 
     /// An action that has several values, or a sweep of several variables.
-    fn action(&mut self, pair: P, out: &mut Vec<Doc<'t>>) {
+    fn action(&mut self, pair: Pair, out: &mut Vec<Doc<'t>>) {
         let end = self.end(&pair);
         let mut parts = pair.into_inner().peekable();
         if let Some(word) = parts.next() {
@@ -408,7 +404,7 @@ impl<'t> Layout<'t> {
     }
 
     /// `in 0<..<1`
-    fn domain(&mut self, pair: P, out: &mut Vec<Doc<'t>>) {
+    fn domain(&mut self, pair: Pair, out: &mut Vec<Doc<'t>>) {
         let mut has_low = false;
         for part in pair.into_inner() {
             match part.as_rule() {

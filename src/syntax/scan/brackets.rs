@@ -91,16 +91,19 @@ pub fn depth_is_fine(
     // By open bracket: the words so far that nest what follows them, up to a comma or the next `let` of a block.
     let mut words = vec![0usize];
     for token in tokens[first..].iter().take_while(|t| t.start < piece.end) {
-        let (mut inside, level, rest) = (0, words.len() - 1, &text[token.start..]);
+        let (mut inside, level, shown) = (0, words.len() - 1, &text[token.start..token.end]);
         match token.kind {
             TokenKind::Open => words.push(0),
             TokenKind::Close => words.truncate(level.max(1)),
-            TokenKind::Word if matches!(&text[token.start..token.end], "if" | "else" | "with") => words[level] += 1,
-            TokenKind::Other if rest.starts_with("=>") => words[level] += 1,
-            TokenKind::Word if rest.starts_with("let ") => words[level] = 0,
-            TokenKind::Other if rest.starts_with(',') => words[level] = 0,
-            TokenKind::Other if rest.starts_with('"') => inside = brackets_in(&text[token.start..token.end]),
-            _ => continue,
+            TokenKind::Word if matches!(shown, "if" | "else" | "with") => words[level] += 1,
+            TokenKind::Word if shown == "let" => words[level] = 0,
+            TokenKind::Word => continue,
+            TokenKind::Other => match shown.as_bytes().first() {
+                Some(b'=') if text[token.end..].starts_with('>') => words[level] += 1,
+                Some(b',') => words[level] = 0,
+                Some(b'"') => inside = brackets_in(shown),
+                _ => continue,
+            },
         }
         if words.len() - 1 + inside > MAX_DEPTH || words.iter().sum::<usize>() > 2 * MAX_DEPTH {
             diagnostics.push(

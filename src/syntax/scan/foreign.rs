@@ -74,7 +74,8 @@ pub fn preprocessed(text: &str) -> Option<String> {
 /// Whether a line begins here with a tag of XML, as none goes on from the line before: `<scene version="3.0.0">`, `<?xml …`, `<!-- … -->`.
 pub fn is_tag(text: &str, at: usize) -> bool {
     let rest = &text[at..];
-    let name = rest.strip_prefix('<').unwrap_or("").trim_start_matches(['?', '/']);
+    let Some(name) = rest.strip_prefix('<') else { return false };
+    let name = name.trim_start_matches(['?', '/']);
     let word = name.find(|c: char| !c.is_ascii_alphanumeric()).unwrap_or(name.len());
     let behind = name[word..].trim_start_matches([' ', '\t']);
     let attribute = behind.find(|c: char| !c.is_ascii_alphanumeric()).unwrap_or(behind.len());
@@ -107,8 +108,9 @@ pub fn is_from(text: &str, at: usize) -> bool {
 /// quotes around a text that is no value, `@jit` above a function.
 pub fn foreign_comment(text: &str, at: usize) -> Option<(&'static str, usize)> {
     let rest = &text[at..];
-    if rest.starts_with("(*") {
-        return rest.find("*)").map(|end| ("(*", at + end + 2));
+    if let Some(inner) = rest.strip_prefix('(') {
+        let end = inner.starts_with('*').then(|| rest.find("*)"))?;
+        return end.map(|end| ("(*", at + end + 2));
     }
     let quotes = if rest.starts_with('\'') { "'''" } else { "\"\"\"" };
     if let Some(inner) = rest.strip_prefix(quotes) {
@@ -184,6 +186,9 @@ pub fn end_of_section(text: &str, at: usize) -> usize {
         return at;
     }
     let is_block = BLOCKS.contains(&word);
+    if !is_block && !line.ends_with(':') {
+        return at;
+    }
     let is_mapping = line.strip_prefix(word).is_some_and(|colon| colon.trim() == ":");
     // Line breaks are blanks: `with { a:` has its value on the next line, and `let` its name.
     let opens = line.matches(['{', '[', '(']).count() > line.matches(['}', ']', ')']).count();
