@@ -266,7 +266,7 @@ fn main() {
     }
     let space = generator.rules.get("WHITESPACE").and_then(|rule| generator.class(&rule.expr));
     let space = test(&space.expect("white space is of single bytes"));
-    let skip = format!("impl Reader<'_> {{ fn skip(&mut self) -> bool {{ self.many({space}) }} }}\n");
+    let skip = format!("impl Reader<'_> {{ #[inline(always)] fn skip(&mut self) -> bool {{ self.many({space}) }} }}\n");
     let text: String = generator.made.into_values().flatten().chain([skip]).collect();
     let out = std::env::var("OUT_DIR").expect("cargo says where to");
     std::fs::write(Path::new(&out).join("reader.rs"), text).expect("the build folder can be written");

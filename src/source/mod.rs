@@ -135,10 +135,15 @@ impl SourceFile {
             *before += 1;
             (span.start, key(label).wrapping_add(*before))
         });
-        let is_word = |byte: &u8| byte.is_ascii_alphanumeric() || *byte == b'_' || *byte >= 0x80;
-        let bytes = text.as_bytes();
-        let begins = |i: &usize| is_word(&bytes[*i]) && (*i == 0 || !is_word(&bytes[*i - 1]));
-        let word_starts = (0..bytes.len()).filter(begins).map(clamp_u32).collect();
+        let mut word_starts = Vec::new();
+        let mut is_within = false;
+        for (i, byte) in text.bytes().enumerate() {
+            let is_word = byte.is_ascii_alphanumeric() || byte == b'_' || byte >= 0x80;
+            if is_word && !is_within {
+                word_starts.push(clamp_u32(i));
+            }
+            is_within = is_word;
+        }
         // A text that is parsed again gets the same outline.
         let _ = self.outline.set(Outline { statements: statements.collect(), word_starts });
     }

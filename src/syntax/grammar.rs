@@ -135,6 +135,9 @@ impl<'t> Iterator for Pairs<'t> {
 }
 
 /// A text, how far it is read, and what was found. Every function that reads tells whether it did, and changes nothing if not.
+///
+/// What all rules call is always inlined: whether the compiler does so by itself depends on how it cuts the crate into parts, and a call at each
+/// byte doubles the time.
 struct Reader<'t> {
     text: &'t [u8],
     at: usize,
@@ -149,11 +152,13 @@ struct Mark {
 }
 
 impl Reader<'_> {
+    #[inline(always)]
     fn mark(&self) -> Mark {
         Mark { at: self.at, nodes: self.nodes.len() }
     }
 
     /// Returns, as from what did not match.
+    #[inline(always)]
     fn back(&mut self, mark: Mark) -> bool {
         self.at = mark.at;
         self.nodes.truncate(mark.nodes);
@@ -161,12 +166,14 @@ impl Reader<'_> {
     }
 
     /// Begins the node of a rule.
+    #[inline(always)]
     fn open(&mut self, rule: Rule) -> usize {
         let at = self.at as u32;
         self.nodes.push(Node { rule, start: at, end: at, next: 0 });
         self.nodes.len() - 1
     }
 
+    #[inline(always)]
     fn close(&mut self, node: usize) -> bool {
         let (end, next) = (self.at as u32, self.nodes.len() as u32);
         let node = &mut self.nodes[node];
@@ -174,6 +181,7 @@ impl Reader<'_> {
         true
     }
 
+    #[inline(always)]
     fn cancel(&mut self, node: usize) -> bool {
         self.nodes.truncate(node);
         false
@@ -185,16 +193,19 @@ impl Reader<'_> {
         self.close(node)
     }
 
+    #[inline(always)]
     fn next_is(&self, is: impl Fn(u8) -> bool) -> bool {
         self.text.get(self.at).is_some_and(|b| is(*b))
     }
 
+    #[inline(always)]
     fn one(&mut self, is: impl Fn(u8) -> bool) -> bool {
         let found = self.next_is(is);
         self.at += usize::from(found);
         found
     }
 
+    #[inline(always)]
     fn many(&mut self, is: impl Fn(u8) -> bool) -> bool {
         while self.next_is(&is) {
             self.at += 1;
@@ -202,6 +213,7 @@ impl Reader<'_> {
         true
     }
 
+    #[inline(always)]
     fn text(&mut self, text: &str) -> bool {
         let found = self.text[self.at..].starts_with(text.as_bytes());
         self.at += if found { text.len() } else { 0 };

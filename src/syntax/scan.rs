@@ -224,6 +224,10 @@ impl Lexer<'_> {
                 }
                 b if b.is_ascii_whitespace() || b == b'\x0b' => self.at += 1,
                 b if b.is_ascii_control() => self.control_character(),
+                b if b.is_ascii() => {
+                    self.at += 1;
+                    self.push(TokenKind::Other, start);
+                }
                 _ if self.text[start..].starts_with('\u{feff}') => {
                     self.at += '\u{feff}'.len_utf8();
                     self.marks.push((start, self.at));
@@ -540,6 +544,11 @@ fn begins_statement<'a>(
     text: &str,
 ) -> bool {
     let Some(first) = word(i) else { return false };
+    // Most words are within a line, and none of those that begin a statement there.
+    let may_begin = STATEMENTS.contains(&first) || KINDS.contains(&first) || first == "test";
+    if !may_begin && !begins_line(text, tokens[i].start) {
+        return false;
+    }
     // A name for anything else, but a statement before its text.
     if first == "test" && tokens.get(i + 1).is_some_and(|t| text[t.start..].starts_with('"')) {
         return true;
