@@ -313,6 +313,53 @@ fn gltf_has_attributes_of_applications_and_accessors_of_zeros() {
     assert!(told.contains("unit quaternions") && told.contains("“turned”") && told.contains("node 1"), "{told}");
 }
 
+/// The standard forbids both, and some exporters write them.
+#[test]
+fn gltf_nodes_that_say_twice_where_they_are_are_told() {
+    let place = Place::new();
+    let mut gltf = Builder::new();
+    let mesh = gltf.triangle(json!({}), json!({}));
+    let matrix = |w: f64| json!([2, 0, 0, 0, 0, 2, 0, 0, 0, 0, 2, w, 1, 0, 0, 1.0 + w]);
+    gltf.add("nodes", json!({"mesh": mesh, "matrix": matrix(0.0), "scale": [3, 3, 3], "name": "twice"}));
+    gltf.add("nodes", json!({"mesh": mesh, "matrix": matrix(0.5)}));
+    gltf.add("nodes", json!({"mesh": mesh, "matrix": matrix(0.0)}));
+    gltf.json["scenes"][0]["nodes"] = json!([0, 1, 2]);
+    place.write("a.gltf", gltf.text());
+    let loaded = read(&place, "a.gltf");
+    for part in &loaded.parts {
+        assert_eq!(part.mesh.vertices[1], vec3(3.0, 0.0, 0.0), "{loaded:?}");
+    }
+    let [twice, last] = &loaded.warnings[..] else { panic!("{:?}", loaded.warnings) };
+    assert!(twice.contains("beside it are left out: “twice”") && last.contains("last row"), "{twice} {last}");
+    assert!(last.ends_with(": node 1"), "{last}");
+}
+
+/// Normals of 0 say nothing, and those that are a little off are rounded.
+#[test]
+fn stl_facets_that_face_both_ways_are_told_by_their_count() {
+    let place = Place::new();
+    let facet = |normal: &str| {
+        format!("facet normal {normal}\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n")
+    };
+    let fine = ["0 0 1", "0 0 0", "0.2 0.9 0.1", ""].map(facet).concat();
+    place.write("a.stl", format!("solid\n{fine}endsolid\n"));
+    assert_eq!(read(&place, "a.stl").warnings, Vec::<String>::new());
+    place.write("a.stl", format!("solid\n{fine}{}endsolid\nsolid\n{}endsolid\n", facet("0 0 -1"), facet("0.1 0 -0.9")));
+    let says = "the normals of 2 of 6 facets are opposite to the order of their corners, which counts";
+    let loaded = read(&place, "a.stl");
+    assert!(matches!(&loaded.warnings[..], [one] if one.starts_with(says)), "{:?}", loaded.warnings);
+    let mut binary = vec![0u8; 80];
+    binary.extend(2u32.to_le_bytes());
+    for z in [1.0f32, -1.0] {
+        let numbers = [0.0, 0.0, z, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
+        numbers.iter().for_each(|x: &f32| binary.extend(x.to_le_bytes()));
+        binary.extend([0, 0]);
+    }
+    place.write("b.stl", binary);
+    let loaded = read(&place, "b.stl");
+    assert!(matches!(&loaded.warnings[..], [one] if one.starts_with("the normals of 1 of 2")), "{:?}", loaded.warnings);
+}
+
 /// Found by a fuzzer: the parser that we use reads a GLB in the place of its text, and trusts its lengths.
 #[test]
 fn a_glb_within_a_glb_is_refused() {

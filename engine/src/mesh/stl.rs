@@ -1,5 +1,5 @@
-//! Reads STL, binary and ASCII. Corners at the same position become one vertex. Shading is flat: normals and colours of the facets are
-//! not read.
+//! Reads STL, binary and ASCII. Corners at the same position become one vertex. Shading is flat: colours of the facets are not read, and their
+//! normals only to tell of those that are opposite to what the order of the corners says.
 
 use std::borrow::Cow;
 use std::collections::HashMap;
@@ -72,7 +72,10 @@ fn binary(bytes: &[u8], reading: &mut Reading) -> Result<Loaded, String> {
     }
     let number = |r: &[u8], i: usize| f32::from_le_bytes([r[i], r[i + 1], r[i + 2], r[i + 3]]);
     let corner = |r: &[u8], k: usize| vec3(number(r, 12 * k), number(r, 12 * k + 4), number(r, 12 * k + 8));
-    let mesh = weld(records.chunks_exact(50).map(|r| [corner(r, 1), corner(r, 2), corner(r, 3)]));
+    let facets = || records.chunks_exact(50).map(|r| (corner(r, 0), [corner(r, 1), corner(r, 2), corner(r, 3)]));
+    let opposite = facets().filter(|(normal, corners)| is_opposite(*normal, corners)).count();
+    tell_opposite(opposite, count, reading);
+    let mesh = weld(facets().map(|(_, corners)| corners));
     Ok(Loaded { parts: vec![LoadedPart { mesh, ..LoadedPart::default() }], ..Loaded::default() })
 }
 
@@ -81,7 +84,8 @@ fn ascii(bytes: &[u8], reading: &mut Reading) -> Result<Loaded, String> {
     let mut loaded = Loaded::default();
     let mut name = String::new();
     let mut corners: Vec<Vec3> = Vec::new();
-    let mut total = 0;
+    let (mut total, mut opposite) = (0, 0);
+    let mut normal = Vec3::ZERO;
     let mut end = |name: &mut String, corners: &mut Vec<Vec3>, line: usize| -> Result<(), String> {
         if !corners.len().is_multiple_of(3) {
             return Err(format!("line {line} of the STL file ends a solid within a triangle"));
@@ -100,7 +104,11 @@ fn ascii(bytes: &[u8], reading: &mut Reading) -> Result<Loaded, String> {
         let text = text.trim();
         let (word, rest) = text.split_once(char::is_whitespace).unwrap_or((text, ""));
         match word.to_ascii_lowercase().as_str() {
-            "" | "facet" | "outer" | "endloop" | "endfacet" => {}
+            "facet" => {
+                let mut numbers = rest.split_whitespace().skip(1).map(|word| word.parse::<f32>().unwrap_or(0.0));
+                normal = Vec3::from_array(std::array::from_fn(|_| numbers.next().unwrap_or(0.0)));
+            }
+            "" | "outer" | "endloop" | "endfacet" => {}
             "solid" => {
                 end(&mut name, &mut corners, k)?;
                 name = rest.trim().to_string();
@@ -113,6 +121,11 @@ fn ascii(bytes: &[u8], reading: &mut Reading) -> Result<Loaded, String> {
                     _ => return Err(format!("line {k} of the STL file is no vertex")),
                 }
                 total += 1;
+                if let [.., a, b, c] = corners[..]
+                    && corners.len().is_multiple_of(3)
+                {
+                    opposite += usize::from(is_opposite(std::mem::take(&mut normal), &[a, b, c]));
+                }
                 if total % (3 << 16) == 0 {
                     within_limits(0, total / 3)?;
                     reading.expect(total / 6, total / 3)?;
@@ -125,7 +138,25 @@ fn ascii(bytes: &[u8], reading: &mut Reading) -> Result<Loaded, String> {
         }
     }
     end(&mut name, &mut corners, last)?;
+    tell_opposite(opposite, total / 3, reading);
     Ok(loaded)
+}
+
+/// Whether a facet's normal points to the side from which its corners go round clockwise. Normals of 0 say nothing, nor do facets without area.
+fn is_opposite(normal: Vec3, corners: &[Vec3; 3]) -> bool {
+    let [a, b, c] = corners.map(Vec3::as_dvec3);
+    let around = (b - a).cross(c - a);
+    let normal = normal.as_dvec3();
+    // Files round their normals, and those of slivers have any direction.
+    normal.dot(around) < -0.5 * normal.length() * around.length()
+}
+
+fn tell_opposite(opposite: usize, of: u64, reading: &mut Reading) {
+    if opposite > 0 {
+        reading.notes.say(format!(
+            "the normals of {opposite} of {of} facets are opposite to the order of their corners, which counts; `flip` turns a mesh round"
+        ));
+    }
 }
 
 fn weld(triangles: impl Iterator<Item = [Vec3; 3]>) -> Mesh {

@@ -76,6 +76,7 @@ pub(super) fn parse<'a>(bytes: &'a [u8], notes: &mut Notes) -> Result<File<'a>, 
     leave_out_unknown_attributes(&mut root, text, notes);
     complete_accessors(&mut root);
     turn_by_units(&mut root, notes);
+    place_once(&mut root, notes);
     let position =
         |p: &json::mesh::Primitive| p.attributes.get(&Checked::Valid(Semantic::Positions)).map(|i| i.value());
     let positions: Vec<usize> = root.meshes.iter().flat_map(|m| &m.primitives).filter_map(position).collect();
@@ -141,6 +142,24 @@ fn complete_accessors(root: &mut json::Root) {
             extensions: None,
             extras: extras(),
         });
+    }
+}
+
+/// Tells of nodes that say twice where they are, and makes matrices affine whose last row is not (0, 0, 0, 1). The standard forbids both.
+fn place_once(root: &mut json::Root, notes: &mut Notes) {
+    for (i, node) in root.nodes.iter_mut().enumerate() {
+        let name = || node.name.as_ref().map_or_else(|| format!("node {i}"), |name| format!("“{name}”"));
+        let Some(matrix) = &node.matrix else { continue };
+        if node.translation.is_some() || node.rotation.is_some() || node.scale.is_some() {
+            notes.about("of nodes with a matrix the translation, rotation and scale beside it are left out", name());
+        }
+        let last_row = [matrix[3], matrix[7], matrix[11], matrix[15]];
+        if last_row != [0.0, 0.0, 0.0, 1.0] {
+            notes.about("matrices of nodes whose last row is not 0, 0, 0, 1 are read as if it were", name());
+            let mut affine = *matrix;
+            (affine[3], affine[7], affine[11], affine[15]) = (0.0, 0.0, 0.0, 1.0);
+            node.matrix = Some(affine);
+        }
     }
 }
 
