@@ -385,6 +385,7 @@ impl Checker<'_> {
         self.check_domains(signature, found, site);
         self.check_lengths(signature, found, site);
         self.check_sizes(id, signature, found, site);
+        self.check_step(id, signature, found);
         if self.error_count() > errors {
             return (signature.result.as_ref().map_or(Ty::Error, |r| unknown_as_error(r.ty())), None);
         }

@@ -188,6 +188,27 @@ impl Checker<'_> {
         }
     }
 
+    /// The ends of a `smoothstep` differ, as between equal ones there is no way.
+    pub fn check_step(&mut self, id: DeclId, signature: &Signature, found: &[Option<Typed>]) {
+        if self.is_user(id) || self.slot(id).name.text != "smoothstep" {
+            return;
+        }
+        let end = |name: &str| {
+            let at = signature.params.iter().position(|param| param.name == name)?;
+            found.get(at)?.as_ref()
+        };
+        if let (Some(low), Some(high)) = (end("low"), end("high"))
+            && let (Some(Const::Num(a) | Const::Angle(a)), Some(Const::Num(b) | Const::Angle(b))) =
+                (&low.value, &high.value)
+            && a == b
+        {
+            let (x, low_text) = (high.expr.span, self.sources.text(low.expr.span).to_owned());
+            let told = Diagnostic::error("dscene::value::range", "`low` and `high` of `smoothstep` must differ");
+            let told = told.label(x, "the same").label(low.expr.span, "as this");
+            self.diagnostics.push(told.help(format!("a step at one place is `if x < {low_text} then 0 else 1`")));
+        }
+    }
+
     /// Checks that known numbers lie within the range that the declaration gives.
     pub fn check_domains(&mut self, signature: &Signature, found: &[Option<Typed>], site: Site) {
         for (param, arg) in signature.params.iter().zip(found) {

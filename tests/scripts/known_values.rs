@@ -7,6 +7,7 @@ use dscene::check::{self, Disk};
 use serde_json::json;
 
 use crate::checker::{SCENE, close, errors, refused_for, value};
+use crate::place::{Place, stderr};
 
 /// Messages and places of the errors of a script: the text that each label points to.
 fn told(script: &str) -> Vec<String> {
@@ -327,4 +328,55 @@ fn lists_that_no_memory_holds_are_told_before_the_run() {
             .map(|script| (script.to_owned(), "dscene::value::refused")),
     );
     close(&value("let x = if 1 > 2 then sum(0..1e12) else 3", "x"), &json!(3), "a branch that is not taken");
+}
+
+/// Lengths and directions of numbers whose squares overflow or vanish are those of the same vectors at another scale, and so are slopes.
+#[test]
+fn vectors_of_any_size_have_lengths_and_directions() {
+    for k in ["1e200", "1e-200", "3e-320", "1"] {
+        let of = |text: &str| text.replace('K', k);
+        for (text, wanted) in [
+            ("norm([3 * K, 4 * K]) / (5 * K)", json!(1)),
+            ("length([3 * K, 4 * K]) / (5 * K)", json!(1)),
+            ("norm([[3 * K, 4 * K], [3, 4]], axis: 1) / [5 * K, 5]", json!([1, 1])),
+            ("norm([[3 * K, 3], [4 * K, 4]], axis: 0) / [5 * K, 5]", json!([1, 1])),
+            ("[length([3 * K, 4 * K * i]) for i in 0..2] / (5 * K)", json!([0.6, 1])),
+            ("normalize([3 * K, 4 * K])", json!([0.6, 0.8])),
+            ("normalize([[3 * K, 4 * K], [0, 2], [0, 0]])", json!([[0.6, 0.8], [0, 1], [0, 0]])),
+            ("matrix(rotation(axis: [0, 0, K], angle: 90deg))[0]", json!([0, -1, 0])),
+            ("matrix(rotation(quaternion: [K, 0, 0, K]))[0]", json!([0, -1, 0])),
+            ("matrix(look_at([0, 0, 0], [0, 0, K], up: [0, K, 0]))[1]", json!([0, 1, 0, 0])),
+        ] {
+            // What is a subnormal number has few digits.
+            let near = if k == "3e-320" { 1e-3 } else { 1e-9 };
+            let found = value("", &of(text));
+            let deviation = deviation(&found, &wanted);
+            assert!(deviation <= near, "{} is {found}", of(text));
+        }
+        if k == "3e-320" {
+            continue;
+        }
+        let slope = |loss: &str| value(&of(&format!("param p = [3 * K, 4 * K]\nloss l = {loss}")), "grad(l, p)");
+        close(&slope("norm(p)"), &json!([0.6, 0.8]), k);
+        close(&slope("sum([length(p * i) for i in 1..3])"), &json!([1.8, 2.4]), k);
+        close(&slope("K * normalize(p)[0]"), &json!([0.128, -0.096]), k);
+    }
+    close(&value("", "mix(1e308, -1e308, 0.5)"), &json!(0), "a mean");
+    close(&value("", "linspace(-1.5e308, 1.5e308, 4) / 1e308"), &json!([-1.5, -0.5, 0.5, 1.5]), "a row");
+    close(&value("", "linspace(0, 49, 50)[1]"), &json!(1), "a row of whole numbers");
+    let found = errors("let x = smoothstep(1, 1, 3)");
+    assert!(matches!(&found[..], [one] if one.code == "dscene::value::range"), "{found:#?}");
+    let script = "let m = inverse([[0 / sum(noise([1]) * 0), 0], [0, 1]])\nexpect m[0][0] > 0";
+    let place = Place::new();
+    place.write("a.dscene", script);
+    let told = stderr(&place.dsl(&["run", "a.dscene"]));
+    assert!(told.contains("a matrix with a NaN in it has no inverse") && told.contains("is_nan"), "{told}");
+}
+
+/// The largest difference between numbers.
+fn deviation(a: &serde_json::Value, b: &serde_json::Value) -> f64 {
+    match (a.as_array(), b.as_array()) {
+        (Some(a), Some(b)) if a.len() == b.len() => a.iter().zip(b).map(|(a, b)| deviation(a, b)).fold(0.0, f64::max),
+        _ => a.as_f64().zip(b.as_f64()).map_or(f64::INFINITY, |(a, b)| (a - b).abs()),
+    }
 }

@@ -3,6 +3,7 @@
 use crate::tape::{Slice, Tensor, Var};
 
 use super::meshes;
+use super::reduce::NAN;
 use super::scene::{linear_part, transform_matrix};
 use super::value::Value;
 use super::{Args, Native, NativeError, Result};
@@ -91,7 +92,16 @@ fn transpose(a: &Args) -> Result<Value> {
 }
 
 fn inverse(a: &Args) -> Result<Value> {
-    let inverse = |m: &Var| m.inverse().map_err(|e| NativeError::at(0, e.0));
+    let inverse = |m: &Var| {
+        let all = &m.value().data;
+        if all.iter().any(|x| x.is_nan()) {
+            return Err(NativeError::at(0, "a matrix with a NaN in it has no inverse").help(NAN));
+        }
+        if all.iter().any(|x| x.is_infinite()) {
+            return Err(NativeError::at(0, "a matrix with an infinite number in it has no inverse"));
+        }
+        m.inverse().map_err(|e| NativeError::at(0, e.0))
+    };
     match a.value(0)? {
         Value::Rotation(r) => Ok(Value::Rotation(r.transpose()?)),
         Value::Transform(_) => {
@@ -184,16 +194,17 @@ fn rotation(a: &Args) -> Result<Value> {
 fn look_at(a: &Args) -> Result<Value> {
     let (position, target) = (a.vector(0, 3, false)?, a.vector(1, 3, false)?);
     let up = match a.named("up") {
-        Some((i, _)) => a.vector(i, 3, false)?,
+        Some((i, _)) => a.vector(i, 3, false)?.tamed()?,
         None => Var::constant(Tensor::vector(vec![0.0, 1.0, 0.0])),
     };
+    let length = up.length()?.item().unwrap_or(f64::NAN);
     let towards = target.sub(&position)?;
     if towards.value().data.iter().all(|x| *x == 0.0) {
         return Err(NativeError::at(1, "position and target are the same point"));
     }
     let z = towards.normalize()?;
     let side = up.cross(&z)?;
-    if side.value().data.iter().all(|x| x.abs() < 1e-12) {
+    if side.value().data.iter().all(|x| x.abs() <= 1e-12 * length) {
         return Err(NativeError::new("`up` points along the view direction").help("give another `up`"));
     }
     let x = side.normalize()?;

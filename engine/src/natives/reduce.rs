@@ -10,7 +10,7 @@ use super::{Args, Native, NativeError, Result};
 pub(super) const TABLE: &[(&str, Native)] = &[
     ("sum", |a| along(a, |x, axes| Ok(x.sum_axes(axes)?))),
     ("mean", |a| along(a, |x, axes| Ok(x.mean_axes(axes)?))),
-    ("norm", |a| along(a, |x, axes| Ok(x.unary(Unary::Square).sum_axes(axes)?.unary(Unary::Sqrt)))),
+    ("norm", |a| along(a, |x, axes| Ok(x.norm_along(axes)?))),
     ("variance", |a| along(a, variance)),
     ("std", |a| along(a, |x, axes| Ok(variance(x, axes)?.unary(Unary::Sqrt)))),
     ("min", |a| extreme(a, Binary::Min)),
@@ -33,7 +33,8 @@ pub(super) const TABLE: &[(&str, Native)] = &[
 ];
 
 /// What to do about a NaN that has no place among numbers.
-const NAN: &str = "find out where it comes from: 0 / 0, a logarithm, a file; `is_nan(x)` asks whether there is one";
+pub(super) const NAN: &str =
+    "find out where it comes from: 0 / 0, a logarithm, a file; `is_nan(x)` asks whether there is one";
 
 /// The axes that argument `axis` names, for an array with `rank` axes; `None` if it is missing.
 fn axes(a: &Args, rank: usize) -> Result<Option<Vec<usize>>> {

@@ -82,27 +82,79 @@ impl Var {
 
     /// Euclidean norm of all elements; its derivative at zero is zero.
     pub fn norm(&self) -> Var {
-        self.unary(Unary::Square).sum().unary(Unary::Sqrt)
+        let axes: Vec<usize> = (0..self.shape().len()).collect();
+        let tamed = self.extremes(&axes).and_then(|(down, up)| Some((self.mul(&down).ok()?, up)));
+        match tamed {
+            None => self.unary(Unary::Square).sum().unary(Unary::Sqrt),
+            Some((x, up)) => x.norm().scale(up.item().unwrap_or(1.0)),
+        }
+    }
+
+    /// Euclidean norm of all elements along axes; its derivative at zero is zero. Neither the squares of large numbers overflow nor do those of
+    /// small ones vanish.
+    pub fn norm_along(&self, axes: &[usize]) -> Result<Var> {
+        let length = |x: &Var| Ok(x.unary(Unary::Square).sum_axes(axes)?.unary(Unary::Sqrt));
+        match self.extremes(axes) {
+            None => length(self),
+            Some((down, up)) => length(&self.mul(&down)?)?.mul(&up),
+        }
     }
 
     /// Euclidean length along the last axis.
     pub fn length(&self) -> Result<Var> {
-        let rank = self.shape().len();
-        if rank == 0 {
-            return Ok(self.unary(Unary::Abs));
+        match self.shape().len() {
+            0 => Ok(self.unary(Unary::Abs)),
+            rank => self.norm_along(&[rank - 1]),
         }
-        Ok(self.unary(Unary::Square).sum_axes(&[rank - 1])?.unary(Unary::Sqrt))
+    }
+
+    /// Vectors along the last axis, in their own directions: those whose squares would overflow or vanish are scaled by powers of two.
+    pub fn tamed(&self) -> Result<Var> {
+        let extremes = self.shape().len().checked_sub(1).and_then(|axis| self.extremes(&[axis]));
+        extremes.map_or_else(|| Ok(self.clone()), |(down, _)| self.mul(&down))
+    }
+
+    /// Powers of two that bring the largest number of each group along axes near to 1, and those that undo this, where its square or that of
+    /// another group would overflow or vanish; 1 for groups that need none. Nothing is rounded by them.
+    fn extremes(&self, axes: &[usize]) -> Option<(Var, Var)> {
+        let is_extreme = |x: f64| x.is_finite() && x != 0.0 && !(1e-150..=1e150).contains(&x.abs());
+        let (shape, data) = (self.shape(), &self.value().data);
+        if !data.iter().any(|x| is_extreme(*x)) {
+            return None;
+        }
+        let one_if = |(axis, n): (usize, &usize)| if axes.contains(&axis) { 1 } else { *n };
+        let kept: Vec<usize> = shape.iter().enumerate().map(one_if).collect();
+        // The place of the group that an element belongs to.
+        let group = |mut at: usize| {
+            let (mut index, mut stride) = (0, 1);
+            for (n, kept) in shape.iter().zip(&kept).rev() {
+                index += (at % n) % kept * stride;
+                (at, stride) = (at / n, stride * kept);
+            }
+            index
+        };
+        let mut largest = vec![0.0f64; kept.iter().product()];
+        for (at, x) in data.iter().enumerate() {
+            let most = &mut largest[group(at)];
+            *most = most.max(x.abs());
+        }
+        let power = |x: f64| if is_extreme(x) { (x.log2().floor() as i32).clamp(-1000, 1000) } else { 0 };
+        let down = largest.iter().map(|x| 2f64.powi(-power(*x))).collect();
+        let up = largest.iter().map(|x| 2f64.powi(power(*x))).collect();
+        let left = (0..shape.len()).filter(|axis| !axes.contains(axis)).map(|axis| shape[axis]).collect();
+        Some((Var::constant(Tensor::new(kept.clone(), down)), Var::constant(Tensor::new(left, up))))
     }
 
     /// Unit vectors along the last axis; zero vectors stay zero, with no derivative.
     pub fn normalize(&self) -> Result<Var> {
-        let length = self.length()?;
+        let vectors = self.tamed()?;
+        let length = vectors.length()?;
         let mut shape = length.shape().to_vec();
         shape.push(1);
         // A vector of infinite length becomes 0, with a derivative of 0.
         let zero = length.value().map(|l| if l == 0.0 { f64::INFINITY } else { 0.0 });
         let safe = if zero.data.contains(&f64::INFINITY) { length.add(&Var::constant(zero))? } else { length };
-        self.div(&safe.reshape(shape)?)
+        vectors.div(&safe.reshape(shape)?)
     }
 
     /// Determinant of a square matrix, by elimination with full pivoting. The derivative is right for singular matrices too: if the largest

@@ -39,7 +39,7 @@ impl Var {
         if six.shape() != [6] {
             return fail("this form of a rotation has six numbers");
         }
-        let (a, b) = (six.slice(&[Slice::Range(0, 3)])?, six.slice(&[Slice::Range(3, 6)])?);
+        let (a, b) = (six.slice(&[Slice::Range(0, 3)])?.tamed()?, six.slice(&[Slice::Range(3, 6)])?.tamed()?);
         let first = a.normalize()?;
         let rest = b.sub(&first.mul(&first.dot(&b)?)?)?;
         let (length, across) = (b.value().dot(b.value()).sqrt(), rest.value().dot(rest.value()).sqrt());

@@ -2,7 +2,7 @@
 
 use crate::check::hir::{Call, Expr, FILE_SCENE, NativeDecl, Rendering};
 use crate::natives::{self, value::Value};
-use crate::tape::{Tensor, Unary, Var};
+use crate::tape::{Tensor, Var};
 
 use super::super::Engine;
 use super::values::{Lanes, Names, aligned};
@@ -150,9 +150,7 @@ fn vectors(name: &str, args: &[Lanes]) -> Option<Lanes> {
             let product = sides[0].mul(&sides[1]).ok()?;
             product.sum_axes(&of_items(&product)).ok().map(Lanes::Each)
         }
-        ("length", [Lanes::Each(x)]) => {
-            Some(Lanes::Each(x.unary(Unary::Square).sum_axes(&of_items(x)).ok()?.unary(Unary::Sqrt)))
-        }
+        ("length", [Lanes::Each(x)]) => x.norm_along(&of_items(x)).ok().map(Lanes::Each),
         ("normalize", [Lanes::Each(x)]) if x.shape().len() > 1 => x.normalize().ok().map(Lanes::Each),
         ("len", [Lanes::Each(x)]) => x.shape().get(1).map(|n| Lanes::Same(Value::scalar(*n as f64))),
         ("transpose", [Lanes::Each(x)]) if x.shape().len() == 3 => x.permute(&[0, 2, 1]).ok().map(Lanes::Each),
