@@ -182,7 +182,10 @@ impl Checker<'_> {
                 self.bind_variable(sig, i, &arg, &found, &mut bound, site);
                 self.check_functions(sig, &arg, &format!("`{}` of `{}`", signature.params[i].name, site.name));
                 self.check_count(sig, &signature.params[i].name, &arg.expr);
-                self.coerce(sig, arg)
+                match self.slot(id).hir.kind {
+                    hir::DeclKind::Native(_) => self.coerce(sig, arg),
+                    _ => self.held(sig, arg, self.parameter_type(id, i)),
+                }
             } else {
                 wrong.push((i, arg.clone()));
                 Typed { expr: hir::Expr { ty: Ty::Error, ..arg.expr }, value: None }

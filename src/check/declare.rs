@@ -141,7 +141,7 @@ impl Checker<'_> {
             return Typed { expr: hir::Expr { ty: sig.ty(), ..typed.expr }, value: None };
         }
         self.check_functions(&sig, &typed, &format!("a `{sig}`"));
-        self.coerce(&sig, typed)
+        self.held(&sig, typed, Some(ty.span))
     }
 
     /// Spreads a scalar over a declared `color`, and combines the declared type with what is known about the value.
@@ -295,8 +295,11 @@ impl Checker<'_> {
                     );
                     // Uses of a declaration with an error are not reported.
                     Typed { expr: hir::Expr { ty: Ty::Error, ..typed.expr }, value: None }
+                } else if matches!(word, "shape" | "light") {
+                    let several = Sig::List(Box::new(wanted.clone()), None);
+                    self.held(&Sig::Union(vec![wanted, several]), typed, Some(kind.span))
                 } else {
-                    typed
+                    self.held(&wanted, typed, Some(kind.span))
                 }
             }
         };
@@ -379,26 +382,30 @@ impl Checker<'_> {
                     );
                 }
                 self.check_functions(&declared.sig, &typed, &format!("`{}`", declared.name));
-                self.coerce(&declared.sig, typed).expr
+                self.held(&declared.sig, typed, param.ty.as_ref().map(|ty| ty.span)).expr
             });
             let local = self.new_local(&param.name.text, declared.sig.ty(), None);
             let spread = matches!(declared.sig, Sig::Color).then(|| vec![3]);
             let (name, takes) = (param.name.text.clone(), declared.sig.clone());
-            let domain = declared.domain;
-            params.push(hir::FnParam { name, local, takes, domain, spread, default });
+            let (domain, lens, place) = (declared.domain, declared.lens.clone(), param.ty.as_ref().map(|ty| ty.span));
+            params.push(hir::FnParam { name, local, takes, lens, place, domain, spread, default });
         }
         let mut typed = self.expr(body, signature.result.as_ref());
         let mut result_ty = typed.expr.ty.clone();
         if let Some(wanted) = &signature.result {
             self.check_result(f, wanted, &typed);
             if wanted.accepts(&result_ty, typed.value.as_ref()) {
-                typed = self.coerce(wanted, typed);
+                typed = self.held(wanted, typed, f.result.as_ref().map(|ty| ty.span));
                 result_ty = typed.expr.ty.clone();
             }
         }
         let slot = self.slot_mut(id);
         slot.value = Some(Const::Function(Arc::new(Function::Declared(id))));
-        slot.hir.kind = DeclKind::Fn(Arc::new(hir::FnDecl { params, body: typed.expr }));
+        slot.hir.kind = DeclKind::Fn(Arc::new(hir::FnDecl {
+            params,
+            body: typed.expr,
+            result_lens: signature.result_lens.clone(),
+        }));
         slot.hir.ty = Ty::Fn(params_ty, Box::new(result_ty));
     }
 

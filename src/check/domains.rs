@@ -402,6 +402,7 @@ fn literals(e: &Expr, out: &mut Vec<f64>) {
         }
         ExprKind::Array(items) => items.iter().for_each(|item| literals(item, out)),
         ExprKind::Broadcast { value, .. } => literals(value, out),
+        ExprKind::Declared(declared) => literals(&declared.value, out),
         _ => {}
     }
 }

@@ -707,5 +707,6 @@ pub fn below(e: &Expr) -> Vec<&Expr> {
         ExprKind::Let { lets, body } => lets.iter().map(|(_, value)| value).chain([&**body]).collect(),
         ExprKind::Derivative(d) => std::iter::once(&d.of).chain(&d.argument).collect(),
         ExprKind::Broadcast { value, .. } => vec![value],
+        ExprKind::Declared(declared) => vec![&declared.value],
     }
 }

@@ -7,6 +7,7 @@ use super::signature::Sig;
 use super::types::Ty;
 use crate::source::{Shared, SourceMap, Span};
 
+pub use super::declared::{Declared, FnDecl, FnParam};
 pub use crate::syntax::ast::{BinaryOp, Domain, StrFormat, UnaryOp};
 
 /// Index into [`Program::decls`].
@@ -204,28 +205,6 @@ impl ParamSpace {
     }
 }
 
-/// A function written in the language.
-#[derive(Clone, Debug)]
-pub struct FnDecl {
-    pub(crate) params: Vec<FnParam>,
-    pub(crate) body: Expr,
-}
-
-/// A parameter of such a function.
-#[derive(Clone, Debug)]
-pub struct FnParam {
-    pub(crate) name: String,
-    pub(crate) local: LocalId,
-    /// As declared, or anything.
-    pub(crate) takes: Sig,
-    /// As declared: `in 0..1`.
-    pub(crate) domain: Option<Domain>,
-    /// The shape to which a number is spread, such as three channels for a `color`.
-    pub(crate) spread: Option<Vec<usize>>,
-    /// Evaluated in the callee's environment (earlier parameters are visible) when the argument is missing.
-    pub(crate) default: Option<Expr>,
-}
-
 /// A function that Rust implements.
 #[derive(Clone, Debug)]
 pub struct NativeDecl {
@@ -375,6 +354,8 @@ pub enum ExprKind {
         /// The axes that it is to have.
         shape: Vec<usize>,
     },
+    /// A value whose type is known only when the program runs, which is then held against its declaration.
+    Declared(Box<Declared>),
     /// Stands for a reported error; never in a program that is evaluated.
     Error,
 }

@@ -347,7 +347,7 @@ impl Checker<'_> {
                     );
                     value.expr.ty = Ty::Error;
                 }
-                value = self.coerce(sig, value);
+                value = self.held(sig, value, Some(ty.span));
             }
             let local = self.new_local(&name.text, value.expr.ty.clone(), value.value.clone());
             bound.push((local, value.expr));
@@ -375,6 +375,7 @@ impl Checker<'_> {
                 if self.report_bare_field(tree, &body, replacement) { None } else { self.target(&replacement.path) };
             let value = self.expr(&replacement.value, None);
             let Some((target, ty)) = target else { continue };
+            let value = if target.path.is_empty() { self.held_in_place_of(target.decl, value) } else { value };
             if let Some(first) = out.iter().find(|r| r.target == target) {
                 let name = ast::Name { text: self.sources.text(replacement.span).to_owned(), span: replacement.span };
                 self.report_twice(&name, first.span);

@@ -308,6 +308,7 @@ impl<'p> Run<'p> {
             ExprKind::Decl(id) => self.decl(*id),
             ExprKind::Local(id) => self.locals.get(id).cloned().unwrap_or(Known::Other),
             ExprKind::Broadcast { value, .. } => self.expr(value),
+            ExprKind::Declared(declared) => self.expr(&declared.value),
             ExprKind::Array(items) => Known::Items(items.iter().map(|item| self.expr(item)).collect()),
             ExprKind::Record(fields) => {
                 Known::Record(fields.iter().map(|(name, value)| (name.as_str(), self.expr(value))).collect())

@@ -163,6 +163,7 @@ impl Reader<'_> {
                 let body = decl.body.as_deref().filter(|_| passed_on)?;
                 self.part(body, &Names::new(), depth)
             }
+            ExprKind::Declared(declared) => self.part(&declared.value, names, depth),
             ExprKind::Field { base, name } => self.part(base, names, depth)?.field(name),
             ExprKind::Slice { base, .. } => {
                 let part = self.part(base, names, depth)?;

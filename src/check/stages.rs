@@ -56,8 +56,9 @@ impl Checker<'_> {
     fn then(&mut self, then: &ast::Then) -> hir::Then {
         let mut renewals: Vec<hir::Renewal> = Vec::new();
         for renewal in &then.renewals {
-            let value = self.expr(&renewal.value, None).expr;
+            let value = self.expr(&renewal.value, None);
             let Some(decl) = self.renewed(renewal) else { continue };
+            let value = self.held_in_place_of(decl, value).expr;
             if renewals.iter().any(|r| r.decl == decl) {
                 let first = then.renewals.iter().find(|r| r.name.text == renewal.name.text).map(|r| r.name.span);
                 self.report_twice(&renewal.name, first.unwrap_or(renewal.name.span));
@@ -144,7 +145,7 @@ impl Checker<'_> {
     }
 
     /// The type of a declaration, if it is written out.
-    fn annotation(&self, id: DeclId) -> Option<ast::Type> {
+    pub(super) fn annotation(&self, id: DeclId) -> Option<ast::Type> {
         match &self.slot(id).statement.kind {
             StatementKind::Param(param) => param.ty.clone(),
             StatementKind::Let { ty, .. } | StatementKind::Kind { ty, .. } => ty.clone(),

@@ -273,6 +273,7 @@ fn picture<'p>(
         ExprKind::Let { lets, body } => picture(program, body, &with_lets(lets, names), items, depth),
         ExprKind::Unary { operand, .. } => same(operand),
         ExprKind::Broadcast { value, .. } => same(value),
+        ExprKind::Declared(declared) => same(&declared.value),
         ExprKind::Field { base, .. } if matches!(base.ty, Ty::Image { .. }) => same(base),
         ExprKind::Binary { op: BinaryOp::Mul | BinaryOp::Div | BinaryOp::Add | BinaryOp::Sub, left, right } => {
             // Another picture beside it may be a mask.

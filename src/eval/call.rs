@@ -18,6 +18,7 @@ use crate::source::Span;
 use crate::stop;
 use crate::tape::Tensor;
 
+use super::declared::lengths;
 use super::{Engine, Result, error};
 
 /// The contents of a function value.
@@ -235,8 +236,17 @@ impl Engine {
                 }
             }
         }
+        let has_lengths = f.params.iter().any(|param| !param.lens.is_empty());
+        if has_lengths {
+            self.check_lengths(id, f, &args, span)?;
+        }
+        let lengths = if f.result_lens.is_empty() { Vec::new() } else { lengths(f, &args) };
         self.blur_compared(id, f, &mut args, span)?;
-        self.language_function(f, args, span)
+        let value = self.language_function(f, args, span)?;
+        if has_lengths {
+            self.check_given((id, f), &lengths, &value, span)?;
+        }
+        Ok(value)
     }
 
     fn language_function(&mut self, f: &FnDecl, args: Vec<Option<Value>>, span: Span) -> Result<Value> {
@@ -308,6 +318,7 @@ impl Engine {
                         if args.len() > f.params.len() {
                             return Err(error::kind(format!("{} arguments for {}", args.len(), f.params.len()), span));
                         }
+                        self.check_arguments(*id, f, &args, span)?;
                         self.declared_function(*id, f, args.into_iter().map(Some).collect(), span)
                     }
                     DeclKind::Native(native) => {

@@ -27,6 +27,16 @@ pub(super) fn kind(message: impl Into<String>, span: Span) -> Diagnostic {
     Diagnostic::error(KIND, message).label(span, "here")
 }
 
+/// A value that is not what it is declared to be; the places follow.
+pub(super) fn not_declared(message: String) -> Diagnostic {
+    Diagnostic::error(KIND, message)
+}
+
+/// Lengths that are declared as equal, and are not.
+pub(super) fn lengths(message: String, span: Span, label: String) -> Diagnostic {
+    Diagnostic::error("dscene::run::shape", message).label(span, label)
+}
+
 pub(super) fn shape(message: impl Into<String>, span: Span) -> Diagnostic {
     failure("dscene::run::shape", message.into(), span, "these do not fit")
 }

@@ -67,6 +67,7 @@ impl Engine {
             ExprKind::Builtin(b) => Ok(self.builtin(*b)),
             ExprKind::Derivative(d) => self.derivative(d, e),
             ExprKind::Broadcast { value, shape } => self.broadcast(value, shape, e),
+            ExprKind::Declared(declared) => self.declared(declared),
             ExprKind::Error => Err(error::internal("a program with errors was run", e.span)),
         }
     }

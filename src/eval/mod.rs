@@ -12,6 +12,7 @@ mod bodies;
 mod call;
 mod comprehensions;
 mod dark;
+mod declared;
 mod deps;
 mod derivative;
 mod edited;

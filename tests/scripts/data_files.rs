@@ -250,3 +250,64 @@ fn what_does_not_fit_into_memory_ends_with_a_diagnostic() {
     let (code, text) = run(folder.path(), &(chain("[\"a\", \"b\"]", &|s| format!("[{s}, {s}]")) + "print s40\n"), &[]);
     assert!(code == 0 && text.len() < 10_000, "{}", text.len());
 }
+
+const DECLARED: &str = r#"{ "c": [1, 2], "v": [1, 2, 3], "mode": "fast", "xs": [1, "b"], "n": 2.5, "two": 2, "r": { "a": 1 }, "none": [] }"#;
+
+/// What a file holds is known only when it is read: then it is held against the type that a declaration gives it.
+#[test]
+fn what_a_file_holds_is_as_it_is_declared() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("a.json"), DECLARED).unwrap();
+    let function = "fn f(k: scalar) = k\n";
+    for (script, message, label) in [
+        ("let x: vec3 = d.c\nprint x", "expected `vec3`, found `vec2`", "this is [1, 2], from `a.json`"),
+        ("let x: \"a\" | \"b\" = d.mode\nprint x", "expected `a | b`, found \"fast\"", "declared as `a | b`"),
+        ("let x: scalar[] = d.xs\nprint x", "expected `scalar` as `[1]`, found `string`", "this is [1, \"b\"]"),
+        ("let x: int = d.n\nprint x", "expected `int`, found 2.5", "read here"),
+        ("let x: { b: scalar } = d.r\nprint x", "found a record without `b`", "this is { a: 1 }"),
+        ("let x: { r: { a: string } }[] = [{ r: d.r }]\nprint x", "expected `string` as `[0].r.a`", ""),
+        ("let x: color = d.c\nprint x", "expected `color`, found `vec2`", "declared as `color`"),
+        ("mesh x = d.c\nprint x", "expected `mesh`, found `vec2`", "declared as `mesh`"),
+        ("param x: vec3 = d.c\nprint x", "expected `vec3`, found `vec2`", "declared as `vec3`"),
+        ("fn f(k: scalar) = k\nprint f(d.mode)", "expected `scalar`, found `string`", "this is \"fast\""),
+        ("fn f(k: scalar) = k\nprint [f(k) for k in d.xs]", "expected `scalar`, found `string`", "this is \"b\""),
+        ("fn f(k: scalar = d.mode) = k\nprint f()", "expected `scalar`, found `string`", "declared as `scalar`"),
+        (
+            "let x: vec3 = [1, 2, 3]\nprint x with { x: d.c }",
+            "expected `vec3 | scalar`, found `vec2`",
+            "this is [1, 2]",
+        ),
+        ("fn f(x): vec3 = d.c\nprint f(1)", "expected `vec3`, found `vec2`", "declared as `vec3`"),
+        ("fn f(x) {\n  let y: vec3 = d.c\n  y\n}\nprint f(1)", "expected `vec3`, found `vec2`", "declared as `vec3`"),
+        ("fn g(h, x) = h(x)\nprint g(f, d.mode)", "expected `scalar`, found `string`", "`k` of `f` is \"fast\""),
+        (
+            "fn g(h, xs) = [h(x) for x in xs]\nprint g(f, [d.v, d.v])",
+            "expected `scalar`, found `vec3`",
+            "`k` of `f` is",
+        ),
+        ("fn g(a: scalar[n], b: scalar[n]) = 1\nprint g(d.c, d.v)", "have the same length `n`", "2 and 3 long"),
+        ("fn g(a: scalar[n]): scalar[n] = d.v\nprint g(d.c)", "what `g` gives has the length `n` of `a`", "gives 3"),
+        (
+            "fn g(a: scalar[n]): scalar[n] = d.v\nprint [g(x) for x in [d.c, d.c]]",
+            "has the length `n` of `a`",
+            "gives 3",
+        ),
+    ] {
+        let script =
+            format!("let d = load_json(\"a.json\")\n{}{script}\n", if script.contains("g(") { function } else { "" });
+        let (code, text) = run(folder.path(), &script, &[]);
+        let told = text.split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(code == 1 && told.contains(message) && told.contains(label), "{script}: {code} {text}");
+    }
+    let (code, text) = run(
+        folder.path(),
+        "let d = load_json(\"a.json\")\nlet v: vec3 = d.v\nlet mode: \"slow\" | \"fast\" = d.mode\nlet n: int = d.two\n\
+         let r: { a: scalar } = d.r\nlet c: color = d.n\nlet none: vec3[] = d.none\nlet xs: any = d.xs\n\
+         fn f(k: scalar) = 2 * k\nfn g(h, x) = h(x)\nfn h(a: scalar[n], b: scalar[n]): scalar[n] = a + b\n\
+         expect (v with { v: d.two }) == [2, 2, 2] and (v with { v: 2 * d.v }) == [2, 4, 6]\n\
+         expect v == d.v and mode == \"fast\" and n == 2 and r.a == 1 and c == 2.5 * [1, 1, 1] and len(none) == 0\n\
+         expect [f(x) for x in d.v] == [2, 4, 6] and g(f, d.two) == 4 and h(d.v, v) == 2 * v and xs == d.xs\n",
+        &[],
+    );
+    assert_eq!(code, 0, "{text}");
+}

@@ -12,7 +12,7 @@ mod values;
 
 use std::sync::Arc;
 
-use crate::check::hir::{BinaryOp, Call, Callee, DeclId, DeclKind, Expr, ExprKind, StrPart, UnaryOp};
+use crate::check::hir::{BinaryOp, Call, Callee, DeclId, DeclKind, Expr, ExprKind, FnDecl, StrPart, UnaryOp};
 use crate::check::types::Ty;
 use crate::natives::value::Value;
 use crate::tape::{Binary, Var};
@@ -102,6 +102,10 @@ impl Engine {
             ExprKind::Broadcast { value, shape } if !matches!(e.ty, Ty::Image { .. }) => {
                 spread(self.lanes(value, n, names)?, shape, n)
             }
+            ExprKind::Declared(declared) => {
+                let lanes = self.lanes(&declared.value, n, names)?;
+                lanes.are(&declared.sig).then_some(lanes)
+            }
             ExprKind::Comprehension(c) => self.lanes_of_comprehension(c, e, n, names),
             ExprKind::Str(parts) if parts.iter().all(|part| matches!(part, StrPart::Text(_))) => {
                 self.expr(e).ok().map(Lanes::Same)
@@ -182,6 +186,7 @@ impl Engine {
                 }
                 let Lanes::Same(Value::Function(f)) = self.lanes(f, n, names)? else { return None };
                 match f.0.downcast_ref::<Closure>()? {
+                    Closure::Decl(id) if !self.are_arguments(*id, &args) => None,
                     Closure::Decl(id) => self.lanes_of_function(*id, args.into_iter().map(Some).collect(), n),
                     Closure::Lambda { lambda, captured } => {
                         if lambda.params.len() != args.len() {
@@ -199,9 +204,20 @@ impl Engine {
         }
     }
 
+    /// Whether arguments are as the function declares them.
+    fn are_arguments(&self, id: DeclId, args: &[Lanes]) -> bool {
+        match &self.program.decl(id).kind {
+            DeclKind::Fn(f) => f.params.iter().zip(args).all(|(param, arg)| arg.are(&param.takes)),
+            _ => true,
+        }
+    }
+
     fn lanes_of_function(&mut self, id: DeclId, args: Vec<Option<Lanes>>, n: usize) -> Option<Lanes> {
         let program = self.shared();
         let DeclKind::Fn(f) = &program.decl(id).kind else { return None };
+        if !are_of_lengths(f, &args) {
+            return None;
+        }
         let (mut args, mut own) = (args.into_iter(), Names::with_capacity(f.params.len()));
         for param in &f.params {
             let value = match (args.next().flatten(), &param.default) {
@@ -225,6 +241,22 @@ impl Engine {
         self.calls -= 1;
         result
     }
+}
+
+/// Whether axes whose length has one name are of one length. Functions whose result has such an axis are called one by one.
+fn are_of_lengths(f: &FnDecl, args: &[Option<Lanes>]) -> bool {
+    let mut known: Vec<(&str, usize)> = Vec::new();
+    for (param, arg) in f.params.iter().zip(args) {
+        for (axis, name) in &param.lens {
+            let Some(n) = arg.as_ref().and_then(|arg| arg.shape()?.get(*axis).copied()) else { return false };
+            match known.iter().find(|(of, _)| of == name) {
+                Some((_, first)) if *first != n => return false,
+                Some(_) => {}
+                None => known.push((name, n)),
+            }
+        }
+    }
+    f.result_lens.iter().all(|(_, name)| known.iter().all(|(of, _)| of != name))
 }
 
 /// The numbers of each item, repeated up to `shape`.

@@ -2,12 +2,14 @@
 
 use std::sync::Arc;
 
+use crate::check::Sig;
 use crate::check::hir::{BinaryOp, LocalId};
 use crate::memory;
 use crate::natives::{self, value::Value};
 use crate::tape::{Slice, Tensor, Var};
 
 use super::super::comprehensions::{ITEM_BYTES, Items};
+use super::super::declared::{are_numbers, misfit};
 use super::super::expr::{arithmetic, elementwise};
 use super::super::origin;
 
@@ -123,6 +125,24 @@ impl Lanes {
                 };
                 (0..n).map(record).collect()
             }
+        }
+    }
+
+    /// Whether the value of each item is as declared.
+    pub(super) fn are(&self, sig: &Sig) -> bool {
+        match self {
+            Lanes::Same(value) => misfit(sig, value).is_none(),
+            Lanes::Each(x) => x.shape().get(1..).is_some_and(|shape| are_numbers(sig, shape, x)),
+            Lanes::Truth(_) => misfit(sig, &Value::Bool(true)).is_none(),
+            Lanes::Fields(fields) => match sig {
+                Sig::Record(wanted) => {
+                    let of = |name: &String| wanted.iter().find(|(n, _)| n == name);
+                    wanted.len() == fields.len()
+                        && fields.iter().all(|(name, lanes)| of(name).is_some_and(|(_, sig)| lanes.are(sig)))
+                }
+                _ => matches!(sig, Sig::Any | Sig::Var(_)),
+            },
+            Lanes::Other(values) => values.iter().all(|value| misfit(sig, value).is_none()),
         }
     }
 
