@@ -119,7 +119,11 @@ impl Checker<'_> {
     fn type_of_input(&self, wrt: Option<&(hir::Target, Span)>, ty: Ty) -> Ty {
         let target = wrt.map(|(target, _)| target).filter(|_| ty == Ty::Any);
         let input = target.and_then(|target| input_of_field(|id| &self.slot(id).hir, target));
-        input.and_then(|(_, _, given)| Some(given?.ty.clone())).unwrap_or(ty)
+        let given = input.and_then(|(native, param, call)| {
+            let index = native.params.iter().position(|p| p.name == param.name)?;
+            call.args.get(index)?.as_ref()
+        });
+        given.map_or(ty, |given| given.ty.clone())
     }
 
     /// The direction of a `jvp`.

@@ -71,9 +71,17 @@ impl Reached {
         Reached { domain: line.domain(self.input, angle), part, line, ..self.clone() }
     }
 
-    /// As a note tells it: "`x` stays positive: it is the `radius` of `sphere`".
-    pub fn told(&self, name: &str) -> String {
-        let (argument, function, domain) = (&self.argument, &self.function, self.domain);
+    /// As a note tells it: "`x` stays positive: it is the `radius` of `sphere`". `own` are the bounds that the param has itself, where these are
+    /// nearer.
+    pub fn told(&self, name: &str, own: [Option<f64>; 2]) -> String {
+        let (argument, function, mut domain) = (&self.argument, &self.function, self.domain);
+        let [low, high] = own.map(|end| end.filter(|x| x.is_finite() && domain.contains(*x)));
+        if let Some(low) = low {
+            (domain.low, domain.above_low) = (low, false);
+        }
+        if let Some(high) = high {
+            (domain.high, domain.below_high) = (high, false);
+        }
         if self.line.is_same() {
             return format!("`{name}` stays {domain}: it is the `{argument}` of `{function}`");
         }
@@ -302,6 +310,11 @@ fn notes_of(program: &Program, id: DeclId, all: &[Reached], starts: &[f64]) -> V
     };
     let bounds = param.bounds.as_ref();
     let (low, high) = (bounds.and_then(|b| b.low.as_ref()), bounds.and_then(|b| b.high.as_ref()));
+    let own = |end: Option<&Expr>| {
+        let mut numbers = Vec::new();
+        end.iter().for_each(|end| literals(end, &mut numbers));
+        numbers.first().copied().filter(|_| numbers.len() == 1)
+    };
     let mut told: Vec<(&Reached, Diagnostic)> = Vec::new();
     for reached in all {
         let domain = reached.domain;
@@ -318,7 +331,7 @@ fn notes_of(program: &Program, id: DeclId, all: &[Reached], starts: &[f64]) -> V
                     || domain.high.is_finite() && is_outside(high, reached)) =>
             {
                 (
-                    reached.told(&decl.name),
+                    reached.told(&decl.name, [low, high].map(own)),
                     (reached.part.is_whole() && !reached.is_steep).then(|| domain.bounds()).flatten(),
                 )
             }
@@ -348,15 +361,15 @@ const DEEPEST: usize = 100;
 
 /// The domain of a field (`lamp.radiance`, `ball.material.reflectance`), which is that of the constructor's argument.
 pub fn domain_of_field(program: &Program, target: &Target) -> Option<Reached> {
-    let (native, param, _) = input_of_field(|id| program.decl(id), target)?;
-    inputs::of_native(native, param)
+    let (native, param, call) = input_of_field(|id| program.decl(id), target)?;
+    inputs::of_argument(native, param, call)
 }
 
-/// The constructor whose argument a field is, the argument as it is declared, and what is given for it.
+/// The constructor whose argument a field is, the argument as it is declared, and the call.
 pub fn input_of_field<'p>(
     decl: impl Fn(DeclId) -> &'p Decl,
     target: &Target,
-) -> Option<(&'p NativeDecl, &'p NativeParam, Option<&'p Expr>)> {
+) -> Option<(&'p NativeDecl, &'p NativeParam, &'p Call)> {
     let mut path = &target.path[..];
     let mut body = decl(target.decl).body.as_deref()?;
     for _ in 0..DEEPEST {
@@ -381,7 +394,7 @@ pub fn input_of_field<'p>(
                 let (name, rest) = path.split_first()?;
                 let index = native.params.iter().position(|p| p.name == *name)?;
                 if rest.is_empty() {
-                    return Some((native, &native.params[index], call.args.get(index).and_then(Option::as_ref)));
+                    return Some((native, &native.params[index], call));
                 }
                 (body, path) = (call.args.get(index)?.as_ref()?, rest);
             }

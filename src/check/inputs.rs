@@ -61,6 +61,17 @@ pub fn of_native(native: &NativeDecl, param: &NativeParam) -> Option<Reached> {
     Some(input(param.domain?, &native.name, &param.name))
 }
 
+/// The same, as far as the call says what else the argument may be.
+pub fn of_argument(native: &NativeDecl, param: &NativeParam, call: &Call) -> Option<Reached> {
+    let mut reached = of_native(native, param)?;
+    if native.name == "camera" && reached.input.angle && !sees_around(native, call) {
+        // A perspective projection sees less than 180°.
+        let below = Domain { high: reached.input.high.min(std::f64::consts::PI), below_high: true, ..reached.input };
+        (reached.domain, reached.input) = (below, below);
+    }
+    Some(reached)
+}
+
 fn input(domain: Domain, function: &str, argument: &str) -> Reached {
     Reached {
         domain,
@@ -542,12 +553,7 @@ impl<'p> Run<'p> {
 
     fn native(&mut self, native: &NativeDecl, args: &[Option<Known<'p>>], call: &'p Call) -> Known<'p> {
         for (param, arg) in native.params.iter().zip(args) {
-            let (Some(mut reached), Some(arg)) = (of_native(native, param), arg) else { continue };
-            if native.name == "camera" && reached.input.angle && !sees_around(native, call) {
-                // A perspective projection sees less than 180°.
-                reached.input.high = reached.input.high.min(std::f64::consts::PI);
-                reached.input.below_high = true;
-            }
+            let (Some(reached), Some(arg)) = (of_argument(native, param, call), arg) else { continue };
             self.record(arg, &reached);
         }
         let shows_all = native.name == FILE_SCENE

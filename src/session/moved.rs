@@ -96,6 +96,7 @@ fn kept_inside(space: &mut Space, reached: &Reached, value: &Tensor, name: &str)
         paced(0..n, 1).map(|i| old.map_or(free, |b| b[i % b.len()])).collect()
     };
     let (mut low, mut high) = (side(&space.lower, f64::NEG_INFINITY), side(&space.upper, f64::INFINITY));
+    let own = [&low, &high].map(|ends| ends.first().copied().filter(|_| n == 1));
     let (mut is_narrowed, mut is_kept) = (false, false);
     for at in paced(0..n, 1).filter(|at| inside(*at)) {
         let is_within = reached.contains(value.data[at]);
@@ -117,7 +118,7 @@ fn kept_inside(space: &mut Space, reached: &Reached, value: &Tensor, name: &str)
     if is_narrowed {
         (space.lower, space.upper) = (Some(one_if_equal(low)), Some(one_if_equal(high)));
     }
-    let kept = is_kept.then(|| reached.told(name));
+    let kept = is_kept.then(|| reached.told(name, own));
     match (told, kept) {
         (Some(told), Some(kept)) => Some(format!("{told}; elsewhere {kept}")),
         (told, kept) => told.or(kept),

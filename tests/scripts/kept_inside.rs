@@ -117,6 +117,31 @@ fn what_params_are_kept_inside_of_is_known_before_a_run() {
     assert_told(&rows);
 }
 
+/// A replaced field has the domain of what it replaces, and the param's own bounds are named where they are nearer.
+#[test]
+fn what_is_told_of_params_is_the_nearest_bound() {
+    let ball = |albedo: &str| format!("shape ball {{ mesh: sphere(), material: diffuse({albedo}) }}");
+    assert_told(&[
+        (
+            "r = 0.5",
+            format!(
+                "{}\ncamera cam {{ fov: 40deg, film: [4, 4] }}\nlet x = mean(render(cam) with {{ cam.fov: r * 60deg }})",
+                ball("0.5")
+            ),
+            "`r` stays above 0 and below 3, so that the `fov` of `camera` is above 0deg and below 180deg",
+        ),
+        (
+            "r = 0.5 in 0.2..9",
+            format!(
+                "{}\ncamera cam {{ fov: 40deg, film: [4, 4] }}\nlet x = mean(render(cam) with {{ cam.fov: r * 60deg }})",
+                ball("0.5")
+            ),
+            "`r` stays at least 0.2 and below 3, so that the `fov`",
+        ),
+        ("r = 0.5 in 0.2..9", ball("r"), "`r` stays from 0.2 to 1: it is the `reflectance` of `diffuse`"),
+    ]);
+}
+
 #[track_caller]
 fn assert_told(rows: &[(&str, String, &str)]) {
     for (param, script, wanted) in rows {
