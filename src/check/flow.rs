@@ -95,6 +95,22 @@ pub fn dependencies_of_all(program: &Program, all: &[&Expr], by_slope: bool) -> 
     found.decls
 }
 
+/// The declarations that an expression needs at each step, each with those that a `with` replaces where it is seen, once for each such world.
+/// What a param began from is not among them.
+pub fn worlds_of(program: &Program, e: &Expr) -> Vec<(DeclId, SharedSet)> {
+    let mut flow = Flow::new(program);
+    let mut found: HashSet<Place> = HashSet::new();
+    let mut waiting = Vec::new();
+    flow.mentioned(e, 0, &mut waiting);
+    while let Some(place) = waiting.pop() {
+        if found.insert(place) && !is_param(program, place.0) {
+            flow.direct(place, &mut waiting);
+        }
+    }
+    let places = found.into_iter().filter(|(id, _)| *id != THE_SCENE);
+    places.map(|(id, context)| (id, flow.contexts[context].clone())).collect()
+}
+
 /// All declarations on which actions, and the settings of params, depend.
 pub fn used_by_actions(program: &Program) -> BTreeSet<DeclId> {
     let mut flow = Flow::new(program);
@@ -647,7 +663,7 @@ pub fn renders_file(decl: &Decl, call: &Call) -> bool {
 }
 
 /// Calls `f` for an expression and all below it.
-pub fn walk(e: &Expr, f: &mut dyn FnMut(&Expr)) {
+pub fn walk<'e>(e: &'e Expr, f: &mut dyn FnMut(&'e Expr)) {
     let mut waiting = vec![e];
     while let Some(e) = waiting.pop() {
         f(e);

@@ -38,6 +38,7 @@ pub(crate) mod params;
 mod paths;
 pub(crate) mod plot;
 mod record;
+mod rendered;
 mod replaced;
 mod results;
 mod schedules;

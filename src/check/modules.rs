@@ -339,6 +339,10 @@ impl<'l> Checker<'l> {
         };
         if self.diagnostics.errors() == 0 {
             self.diagnostics.extend(super::flow::errors(&program, kept.as_ref()));
+            self.diagnostics.extend(super::counts::errors(&program, kept.as_ref()));
+        }
+        if self.diagnostics.errors() == 0 {
+            self.diagnostics.extend(super::rendered::errors(&program, kept.as_ref()));
         }
         if self.quiet {
             return (program, self.diagnostics.into_all(), self.sources);

@@ -330,6 +330,85 @@ fn lists_that_no_memory_holds_are_told_before_the_run() {
     close(&value("let x = if 1 > 2 then sum(0..1e12) else 3", "x"), &json!(3), "a branch that is not taken");
 }
 
+/// What an action certainly renders can be rendered, or is refused before the run; what it may never come to is not.
+#[test]
+fn renderings_that_must_fail_are_refused() {
+    let eye = "camera eye { position: [0, 1, -4], look_at: [0, 0, 0], film: [4, 4] }\n";
+    let ball = "shape ball { mesh: sphere() }\n";
+    let two = "light a = constant(1)\nlight b = environment([1, 2, 3])\n";
+    let late = "let late = sum(noise([1]) ^ 0) > 9\n";
+    let one = "light a = constant(1)\n";
+    let refused = [
+        format!("{eye}print mean(render(eye))"),
+        format!("{eye}fn shot(of) = mean(render(of))\nlet y = shot(eye)\nexpect y > 0"),
+        format!("{eye}print if mean(alpha(eye)) > 0 then 1 else 2"),
+        format!("{eye}param r = 1\nloss l = r * mean(render(eye))\noptimize l {{ steps: 2 }}"),
+        "save scene to \"a.glb\"".to_owned(),
+        format!("{eye}{ball}{two}print mean(render(eye))"),
+        format!(
+            "{eye}{ball}let more = constant(1)\nlight all = [more, point(position: [0, 1, 0]), constant(2)]\nprint mean(render(eye))"
+        ),
+        format!("{eye}{ball}{two}save scene to \"a.glb\""),
+        format!(
+            "{eye}let s = scene(shapes: [], lights: [constant(1), constant(2)])\nprint mean(render(eye, scene: s))"
+        ),
+        format!("{eye}{ball}{one}print mean(render(eye, method: \"light\"))"),
+        format!("{eye}{ball}{one}integrator i {{ method: \"both\" }}\nprint mean(render(eye))"),
+        format!("{eye}{ball}{one}print mean(render(camera(filter: \"box\"), method: \"both\"))"),
+    ];
+    refused_for(&refused.map(|script| (script, "dscene::run::scene")));
+    for script in [
+        format!("{eye}{late}print if late then mean(render(eye)) else 2"),
+        format!("{eye}let f = x => mean(render(eye))\nprint 1"),
+        format!("{eye}print [mean(render(eye)) for i in 0..0], late and mean(render(eye)) > 0\n{late}"),
+        format!("{eye}let y = mean(render(eye))\nprint 1"),
+        format!("{eye}{ball}{two}print mean(render(eye) with {{ b: point(position: [0, 1, 0]) }})"),
+        format!(
+            "{eye}{ball}{two}sweep b in [point(position: [0, 1, 0]), point(position: [0, 2, 0])] {{ print mean(render(eye)) }}"
+        ),
+        format!("{eye}{ball}{two}print mean(render(eye, scene: scene(shapes: [ball], lights: [a])))"),
+        format!(
+            "{eye}{ball}{one}print mean(render(eye, method: \"path\")), mean(render(eye, method: \"light\", max_bounces: 1))"
+        ),
+        format!("{eye}{ball}{one}print mean(render(eye, method: \"light\") with {{ eye.filter: \"tent\" }})"),
+        format!("{eye}{ball}{one}integrator i {{ method: \"light\" }}\nprint mean(render(eye, method: \"path\"))"),
+        format!("{ball}{one}print mean(render(camera(filter: \"tent\"), method: \"light\"))"),
+    ] {
+        let found = errors(&script);
+        assert!(found.is_empty(), "{script}: {found:#?}");
+    }
+}
+
+/// Whole numbers have no derivative: what an `optimize` moves must not determine an index, a range or the size of a film.
+#[test]
+fn what_is_optimised_determines_no_index() {
+    let start = "param p = 1\nparam q = 1\nlet xs = [1, 2, 3]\nlet k = 2 * p - 1\n";
+    let eye = "camera eye { film: [4, 4] }\nshape ball { mesh: sphere() }\nlight sky = constant(1)\n";
+    let refused = [
+        "loss l = p * xs[p]\noptimize l { steps: 2 }".to_owned(),
+        "loss l = p * xs[k]\noptimize l { steps: 2 }".to_owned(),
+        "fn f(x) = x * xs[p]\nloss l = f(q)\noptimize l { steps: 2 }".to_owned(),
+        "loss l = p * sum([i for i in 0..p])\noptimize l { steps: 2 }".to_owned(),
+        "loss l = sum(xs[0..p]) * p\noptimize l { steps: 2 }".to_owned(),
+        "loss l = q * xs[p]\noptimize l { over: [p], steps: 2 }".to_owned(),
+        "optimize q * xs[p] { steps: 2 }".to_owned(),
+        format!("{eye}loss l = p * mean(render(eye) with {{ eye.film: [4 * p, 4] }})\noptimize l {{ steps: 2 }}"),
+    ];
+    refused_for(&refused.map(|script| (format!("{start}{script}"), "dscene::type::whole")));
+    for script in [
+        "loss l = q * xs[p]\noptimize l { over: [q], steps: 2 }",
+        "loss l = q * xs[round(p)] * p\noptimize l { steps: 2 }",
+        "param f = 1 { frozen: true }\nloss l = q * xs[f]\noptimize l { steps: 2 }",
+        "loss l = q * xs[p] with { p: 1 }\noptimize l { steps: 2 }",
+        "loss l = q * 2\nloss other = xs[p]\noptimize l { steps: 2 }",
+        "let ys = [p * x for x in xs]\nloss l = ys[len(ys) - 1]\noptimize l { steps: 2 }",
+        "loss l = q * xs[p]\nprint l, grad(l)",
+    ] {
+        let found = errors(&format!("{start}{script}"));
+        assert!(found.is_empty(), "{script}: {found:#?}");
+    }
+}
+
 /// Lengths and directions of numbers whose squares overflow or vanish are those of the same vectors at another scale, and so are slopes.
 #[test]
 fn vectors_of_any_size_have_lengths_and_directions() {

@@ -247,7 +247,8 @@ fn hover_tells_types_units_and_documentation() {
 fn hover_goes_on_while_a_statement_is_written() {
     let place = Place::new();
     let mut editor = Editor::initialized(&place, json!({}));
-    let (text, _) = cursor("camera eye { film: [32, 16] }\nlet shown = render(eye)\nprint mean(shown)|");
+    let (text, _) =
+        cursor("camera eye { film: [32, 16] }\nlet shown = render(eye)\nprint mean(shown)|\nlight sky = constant(1)");
     let uri = editor.open(&place, "a.dscene", &text);
     assert!(editor.diagnostics(&uri, 1).is_empty());
     // The statement that declares `shown` cannot be read now, and neither can the one that uses it.
