@@ -1,6 +1,7 @@
 //! Numbers and arrays, element by element.
 
 use crate::memory;
+use crate::stop::paced;
 use crate::tape::{Binary, ROUNDING, Tensor, Unary, Var};
 
 use super::value::Value;
@@ -232,7 +233,7 @@ fn random(a: &Args, low: f64, high: f64, normal: bool) -> Result<Value> {
     let shape = sizes(a, 0)?;
     let seed = mix64(a.named_integer("seed", i64::MIN..=i64::MAX)?.unwrap_or(0) as u64);
     let n: usize = shape.iter().product();
-    let data = (0..n as u64)
+    let data = paced(0..n as u64, 1)
         .map(|i| {
             if normal {
                 let (u, v) = (1.0 - unit(seed, 2 * i), unit(seed, 2 * i + 1));
@@ -285,8 +286,8 @@ fn minibatch(a: &Args) -> Result<Value> {
         _ => return Err(a.wrong(0, "an array")),
     };
     let count = a.integer(1, 0..=n as i64)? as usize;
-    let mut order: Vec<u32> = (0..n as u32).collect();
-    for i in 0..count {
+    let mut order: Vec<u32> = paced(0..n as u32, 1).collect();
+    for i in paced(0..count, 1) {
         let j = i + (unit(a.context.seed ^ mix64(a.context.step), i as u64) * (n - i) as f64) as usize;
         order.swap(i, j.min(n - 1));
     }

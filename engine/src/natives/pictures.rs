@@ -2,6 +2,7 @@
 
 use crate::image::colormap::Colormap;
 use crate::memory;
+use crate::stop::paced;
 use crate::tape::{Binary, Tensor, Unary, Var};
 
 use super::value::Value;
@@ -60,14 +61,14 @@ fn montage(a: &Args) -> Result<Value> {
     if u32::try_from(numbers.len()).is_err() {
         return Err(NativeError::at(0, "these images are too large to show together"));
     }
-    let empty = (0..whole_height * whole_width).flat_map(|_| (0..channels).map(|c| (behind + c) as u32));
+    let empty = paced(0..whole_height * whole_width, channels).flat_map(|_| (0..channels).map(|c| (behind + c) as u32));
     let mut table: Vec<u32> = empty.collect();
     let mut first = 0;
     for (at, image) in images.iter().enumerate() {
         let [h, w, own] = [0, 1, 2].map(|axis| image.shape()[axis]);
         let top = (at / columns) * (height + gap) + (height - h) / 2;
         let left = (at % columns) * (width + gap) + (width - w) / 2;
-        for (y, x) in (0..h).flat_map(|y| (0..w).map(move |x| (y, x))) {
+        for (y, x) in paced(0..h, w * channels).flat_map(|y| (0..w).map(move |x| (y, x))) {
             let to = ((top + y) * whole_width + left + x) * channels;
             let from = first + (y * w + x) * own;
             table[to..to + channels]
@@ -110,7 +111,7 @@ fn colormap(a: &Args) -> Result<Value> {
     let colours = map.colours();
     let cells = colours.len() - 1;
     let (mut base, mut slope) = (Vec::with_capacity(3 * share.len()), Vec::with_capacity(3 * share.len()));
-    for t in &share.value().data {
+    for t in paced(&share.value().data, 6) {
         let cell = ((t * cells as f64) as usize).min(cells - 1);
         for (a, b) in colours[cell].iter().zip(colours[cell + 1]) {
             base.push(a - (b - a) * cell as f64);

@@ -8,6 +8,7 @@ use super::value::Value;
 use super::{Args, Native, NativeError, Result};
 use crate::memory;
 use crate::render::sky::{Number, Sky};
+use crate::stop::paced;
 use crate::tape::{CustomOp, Tensor, Var};
 
 pub(super) const TABLE: &[(&str, Native)] = &[("clear_sky", clear_sky), ("sun_irradiance", sun_irradiance)];
@@ -30,14 +31,14 @@ impl What {
                 let map = sky.map(width, height);
                 let ground = |i: usize| i >= (height / 2) * width;
                 let pixel = |(i, rgb): (usize, [Number; 3])| [0, 1, 2].map(|c| (rgb[c], ground(i).then_some(c)));
-                map.into_iter().enumerate().flat_map(pixel).collect()
+                paced(map, 3).enumerate().flat_map(pixel).collect()
             }
         }
     }
 
     fn value(self, inputs: &[&Tensor]) -> Vec<f64> {
         let factor = |channel: Option<usize>| channel.map_or(1.0, |c| inputs[2].data[c]);
-        self.numbers(inputs).into_iter().map(|(n, channel)| n.value * factor(channel)).collect()
+        paced(self.numbers(inputs), 1).map(|(n, channel)| n.value * factor(channel)).collect()
     }
 }
 
@@ -48,7 +49,7 @@ impl CustomOp for What {
 
     fn vjp(&self, x: &[&Tensor], _: &Tensor, g: &Tensor, _: &[bool]) -> Result<Vec<Option<Tensor>>, String> {
         let (mut d, mut d_ground) = ([0.0; 4], [0.0; 3]);
-        for ((n, channel), g) in self.numbers(x).into_iter().zip(&g.data) {
+        for ((n, channel), g) in paced(self.numbers(x), 1).zip(&g.data) {
             let factor = channel.map_or(1.0, |c| x[2].data[c]);
             for (d, partial) in d.iter_mut().zip(n.partials) {
                 *d += g * factor * partial;
@@ -70,7 +71,7 @@ impl CustomOp for What {
             let dot: f64 = n.partials.iter().zip(tangent).map(|(p, t)| p * t).sum();
             channel.map_or(dot, |c| dot * x[2].data[c] + n.value * along(2, c))
         };
-        Ok(Tensor { shape: y.shape.clone(), data: self.numbers(x).into_iter().map(of).collect() })
+        Ok(Tensor { shape: y.shape.clone(), data: paced(self.numbers(x), 1).map(of).collect() })
     }
 }
 

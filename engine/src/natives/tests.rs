@@ -251,6 +251,16 @@ fn long_natives_check_as_they_go() {
         ("icosphere", vec![number(("subdivisions", 7.0))], 10 * 4 * 4 * 4 * 4 * 4 * 4 * 4 * 8),
         ("disk", [("radius", 1.0), ("subdivisions", 60_000.0)].map(number).to_vec(), 8 * 60_000),
         ("sin", vec![("x", Value::tensor(numbers(&[3_000_000], 5)))], 700_000),
+        ("noise", vec![("shape", Value::scalar(700_000.0))], 700_000),
+        ("uniform", vec![("shape", Value::scalar(700_000.0))], 700_000),
+        ("minibatch", [("items", vector(&numbers(&[300_000], 6).data)), ("count", Value::scalar(3e5))].into(), 600_000),
+        ("clear_sky", vec![("sun", vector(&[1.0, 1.0, 0.0])), ("width", Value::scalar(512.0))], 3 * 512 * 256 * 2),
+        ("montage", vec![("images", Value::list(vec![image(300, 200); 20]))], 20 * 300 * 200 * 2),
+        ("colormap", vec![("image", image(700, 500))], 700 * 500 * 6),
+        ("pad", vec![("image", image(700, 500)), ("left", Value::scalar(600.0))], 1300 * 500),
+        ("sample", vec![("image", image(700, 500)), ("uv", Value::tensor(numbers(&[200_000, 2], 7)))], 4 * 200_000),
+        ("concat", vec![("a", Value::list(vec![image(300, 200); 20])), ("axis", Value::scalar(1.0))], 2_400_000),
+        ("stack", vec![("items", Value::list(vec![image(300, 200); 20]))], 1_200_000),
     ];
     for (name, args, work) in cases {
         let before = stop::checks();

@@ -71,7 +71,7 @@ impl Sky {
         let stop = stop::flag();
         let row = |y: usize| -> Vec<[Number; 3]> {
             if stop.load(std::sync::atomic::Ordering::Relaxed) {
-                return vec![black; width]; // the result will not be used
+                return Vec::new(); // the result will not be used
             }
             let of = |dir: DVec3| if is_sky(dir) { self.radiance(dir) } else { black };
             (0..width).map(|x| of(direction(x, y))).collect()

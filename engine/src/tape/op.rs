@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::recorded::DeferredDerivative;
 use super::tensor::{Broadcast, CHUNK, Tensor, for_each_pair, mapped};
 use super::{TapeError, Var};
-use crate::stop::{self, Pace};
+use crate::stop::{self, Pace, paced};
 
 /// An operation defined outside the tape: a mesh operation, an image operation, rendering.
 pub trait CustomOp: Send + Sync {
@@ -472,10 +472,20 @@ impl Op {
                 }
                 out
             }
-            Op::Concat => inputs.iter().flat_map(|t| t.data.iter().copied()).collect(),
+            Op::Concat => {
+                let mut out = Vec::with_capacity(n);
+                let mut pace = Pace::default();
+                for part in inputs {
+                    pace.step(part.len());
+                    out.extend_from_slice(&part.data);
+                }
+                out
+            }
             Op::MatMul => matmul(inputs[0], inputs[1]),
             Op::Inverse => invert(&inputs[0].data, inputs[0].shape[0]).unwrap_or_else(|| vec![f64::NAN; n]),
-            Op::Select(mask) => mask.iter().enumerate().map(|(i, &m)| inputs[usize::from(!m)].data[i]).collect(),
+            Op::Select(mask) => {
+                paced(mask.iter(), 1).enumerate().map(|(i, &m)| inputs[usize::from(!m)].data[i]).collect()
+            }
             Op::Filter(filter) => {
                 let mut out = vec![0.0; n];
                 filter.visit(&inputs[0].shape, |to, from, run, w| {

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::op::{AxisFilter, Op};
 use super::{Result, Tensor, Var, ask_for_tensor, fail};
-use crate::stop::Pace;
+use crate::stop::{Pace, paced};
 
 /// The elements to keep along one axis.
 #[derive(Clone, Debug, PartialEq)]
@@ -158,7 +158,7 @@ impl Var {
         }
         let run: usize = rest.iter().product();
         ask_for_tensor(&[rows.len(), run])?;
-        let table = rows.iter().flat_map(|&r| (0..run).map(move |c| r * run as u32 + c as u32)).collect();
+        let table = paced(rows, run).flat_map(|&r| (0..run).map(move |c| r * run as u32 + c as u32)).collect();
         let mut out = vec![rows.len()];
         out.extend_from_slice(rest);
         Ok(self.gather(table, out))
@@ -233,7 +233,7 @@ impl Var {
         ask_for_tensor(shape)?;
         let spread = super::Broadcast::new(self.shape(), shape);
         let n: usize = shape.iter().product();
-        Ok(self.gather((0..n).map(|i| spread.at(i) as u32).collect(), shape.to_vec()))
+        Ok(self.gather(paced(0..n, 1).map(|i| spread.at(i) as u32).collect(), shape.to_vec()))
     }
 
     /// Axes in a new order.
@@ -301,7 +301,7 @@ impl Var {
         let outer: usize = shape[..axis].iter().product();
         let runs: Vec<usize> = parts.iter().map(|p| p.shape()[axis..].iter().product()).collect();
         let mut table = Vec::with_capacity(total);
-        for o in 0..outer {
+        for o in paced(0..outer, total / outer.max(1)) {
             let mut base = 0;
             for run in &runs {
                 table.extend((0..*run).map(|i| (base + o * run + i) as u32));
@@ -317,7 +317,7 @@ impl Var {
             super::broadcast_shapes(yes.shape(), no.shape()).and_then(|s| super::broadcast_shapes(&s, mask.shape()));
         let Some(shape) = shape else { return fail("the condition and its branches do not fit each other") };
         ask_for_tensor(&shape)?;
-        let mask = mask.broadcast_to(&shape)?.value().data.iter().map(|&m| m != 0.0).collect();
+        let mask = paced(&mask.broadcast_to(&shape)?.value().data, 1).map(|&m| m != 0.0).collect();
         let inputs = vec![yes.broadcast_to(&shape)?, no.broadcast_to(&shape)?];
         Ok(Var::apply(Op::Select(Arc::new(mask)), inputs, shape))
     }
@@ -340,7 +340,7 @@ pub fn crop_table(shape: &[usize], axes: &[Vec<usize>]) -> Vec<u32> {
     let mut table = vec![0u32];
     for (axis, picks) in axes.iter().enumerate() {
         let n = shape[axis] as u32;
-        table = table.iter().flat_map(|base| picks.iter().map(move |p| base * n + *p as u32)).collect();
+        table = paced(&table, picks.len()).flat_map(|base| picks.iter().map(move |p| base * n + *p as u32)).collect();
     }
     table
 }
@@ -349,7 +349,7 @@ pub fn crop_table(shape: &[usize], axes: &[Vec<usize>]) -> Vec<u32> {
 fn walk(shape: &[usize], strides: &[usize], base: u32) -> Vec<u32> {
     let mut table = vec![base];
     for (n, stride) in shape.iter().zip(strides) {
-        table = table.iter().flat_map(|b| (0..*n).map(move |i| b + (i * stride) as u32)).collect();
+        table = paced(&table, *n).flat_map(|b| (0..*n).map(move |i| b + (i * stride) as u32)).collect();
     }
     table
 }
