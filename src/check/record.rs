@@ -1,5 +1,7 @@
 //! Records: `{ cam: front, photo: a }`.
 
+use std::collections::HashMap;
+
 use super::hir::{Comprehension, DeclId, Expr, ExprKind, ForClause, LocalId};
 use super::infer::{MAX_CONST, MAX_PARTS, Typed, item_of, join_all, stack, typed};
 use super::modules::Checker;
@@ -17,22 +19,24 @@ impl Checker<'_> {
         let mut known: Vec<(String, Const)> = Vec::new();
         let mut types: Vec<(String, Ty)> = Vec::new();
         let mut values: Vec<(String, Expr)> = Vec::new();
-        for (i, field) in fields.iter().enumerate() {
+        let mut named: HashMap<&str, Span> = HashMap::new();
+        for field in fields {
             let name = &field.name.text;
             let inner = match wanted {
                 Some(Sig::Record(wanted)) => wanted.iter().find(|(n, _)| n == name).map(|(_, sig)| sig),
                 _ => None,
             };
             let value = self.expr(&field.value, inner);
-            if let Some(first) = fields[..i].iter().find(|f| f.name.text == *name) {
-                self.report_twice(&field.name, first.name.span);
+            if let Some(first) = named.insert(name, field.name.span) {
+                self.report_twice(&field.name, first);
+                named.insert(name, first);
                 continue;
             }
             known.extend(value.value.map(|value| (name.clone(), value)));
             types.push((name.clone(), value.expr.ty.clone()));
             values.push((name.clone(), value.expr));
         }
-        let ty = Ty::Record(types);
+        let ty = Ty::Record(types.into());
         // Records in records, each holding the one before twice, would take for ever.
         let ty = if ty.parts() > MAX_PARTS { Ty::Any } else { ty };
         let value = Some(Const::Record(known)).filter(|record| record.size() <= MAX_CONST);
@@ -108,7 +112,10 @@ impl Checker<'_> {
             types.push((name.clone(), field.expr.ty.clone()));
             values.push((name, field.expr));
         }
-        Typed { value: Some(Const::Record(constants)), ..typed(ExprKind::Record(values), span, Ty::Record(types)) }
+        Typed {
+            value: Some(Const::Record(constants)),
+            ..typed(ExprKind::Record(values), span, Ty::Record(types.into()))
+        }
     }
 
     fn coerce_items(&mut self, wanted: &Sig, whole: Typed) -> Typed {

@@ -208,7 +208,9 @@ fn resizable(ty: Ty) -> Ty {
         Ty::Image { channels, made, .. } => Ty::Image { height: None, width: None, channels, made },
         Ty::Camera { made, cropped, .. } => Ty::Camera { height: None, width: None, cropped, made },
         Ty::Array(item, _) => Ty::Array(Box::new(resizable(*item)), None),
-        Ty::Record(fields) => Ty::Record(fields.into_iter().map(|(name, ty)| (name, resizable(ty))).collect()),
+        Ty::Record(fields) => {
+            Ty::Record(fields.iter().map(|(name, ty)| (name.clone(), resizable(ty.clone()))).collect())
+        }
         other => other,
     }
 }

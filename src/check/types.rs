@@ -1,6 +1,7 @@
 //! Types: numbers with shapes, angles (which are distinct from numbers), and the nouns of a scene.
 
 use std::fmt;
+use std::sync::Arc;
 
 use crate::source::Span;
 
@@ -63,7 +64,8 @@ pub enum Ty {
     /// A fixed number of things of different types (what `zip` gives).
     Tuple(Vec<Ty>),
     /// Values under names, in the order in which they were written. Two records with the same fields are of one type, in any order.
-    Record(Vec<(String, Ty)>),
+    /// (Every use of a name has its type, so that the fields are shared.)
+    Record(Arc<[(String, Ty)]>),
     /// A function: what it takes, in order, and what it gives.
     Fn(Vec<Ty>, Box<Ty>),
     /// A rotation, a 3×3 matrix.
@@ -221,7 +223,7 @@ impl Ty {
         let mut fields = self.record()?.to_vec();
         let field = fields.iter_mut().find(|(n, _)| n == name)?;
         field.1 = field.1.with_field(rest, new)?;
-        Some(Ty::Record(fields))
+        Some(Ty::Record(fields.into()))
     }
 
     /// Whether the type is unknown, or that of an array (of arrays) of unknown type.

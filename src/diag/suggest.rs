@@ -65,6 +65,7 @@ impl Names {
 struct Spelling {
     lower: String,
     length: usize,
+    underscores: usize,
     /// One bit for each letter that it has.
     letters: u64,
 }
@@ -80,7 +81,8 @@ impl Spelling {
             length += 1;
             letters |= 1 << (u32::from(c) % 64);
         }
-        Spelling { lower, length, letters }
+        let underscores = lower.bytes().filter(|b| *b == b'_').count();
+        Spelling { lower, length, underscores, letters }
     }
 
     fn plain(&self) -> String {
@@ -89,8 +91,7 @@ impl Spelling {
 
     /// The edit distance to another name, if that is similar and nearer than `limit`.
     fn distance(&self, other: &Spelling, limit: usize, budget: &mut usize) -> Option<usize> {
-        let same = self.lower.len().abs_diff(other.lower.len())
-            <= self.lower.matches('_').count().max(other.lower.matches('_').count())
+        let same = self.lower.len().abs_diff(other.lower.len()) <= self.underscores.max(other.underscores)
             && self.plain() == other.plain();
         if same {
             return (limit > 0).then_some(0);

@@ -446,7 +446,7 @@ impl Walk<'_> {
             };
             ty = match (&symbol, ty) {
                 (Symbol::Decl(id), _) => Some(self.known.program.decl(*id).ty.clone()),
-                (_, Some(Ty::Record(fields))) => fields.into_iter().find(|(n, _)| *n == name.text).map(|(_, ty)| ty),
+                (_, Some(Ty::Record(fields))) => fields.iter().find(|(n, _)| *n == name.text).map(|(_, ty)| ty.clone()),
                 (_, Some(Ty::Array(item, _))) if name.text.starts_with('[') => Some(*item),
                 _ => None,
             };

@@ -33,7 +33,7 @@ impl Wanted<'_> {
     pub fn fields(&self, analysis: &Analysis, locals: &[(String, Ty)]) -> Vec<(String, String)> {
         match self.known(analysis, locals) {
             Some(Known::Inferred(Ty::Record(fields))) => {
-                fields.into_iter().map(|(name, ty)| (name, ty.to_string())).collect()
+                fields.iter().map(|(name, ty)| (name.clone(), ty.to_string())).collect()
             }
             Some(Known::Written(atom, text)) if atom.lens.is_empty() => match &atom.kind {
                 ast::TypeKind::Record(fields) => {

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use dscene::check::types::Ty;
 use dscene::check::{self, Checked, Disk, Line, Purpose, check_expression, check_line, hir};
 use dscene::diag::Diagnostic;
 use dscene::eval::{Engine, EngineOptions};
@@ -655,4 +656,16 @@ fn lines_give_what_a_file_gives() {
             }
         }
     }
+}
+
+/// Each use of a name has its type: of records of thousands of fields there are not as many copies as uses.
+#[test]
+fn uses_of_a_long_record_share_its_type() {
+    let fields: Vec<String> = (0..3000).map(|i| format!("a{i}: {i}")).collect();
+    let text = format!("let r = {{ {} }}\nlet s = r\nlet t = r.a2999 + s.a1\n", fields.join(", "));
+    let program = program(&text);
+    let ty = |name: &str| program.decl(program.find(name).expect("declared")).ty.clone();
+    let (Ty::Record(r), Ty::Record(s)) = (ty("r"), ty("s")) else { panic!("{} and {}", ty("r"), ty("s")) };
+    assert!(r.len() == 3000 && Arc::ptr_eq(&r, &s));
+    assert_eq!(numbers(&mut engine(&text), "t"), Ok(vec![3000.0]));
 }

@@ -299,7 +299,7 @@ mod tests {
         let mut program = library();
         check_line(&mut program, "let corners = [[1, 2], [3, 4]]");
         check_line(&mut program, "fn far(view: { place: vec3, glow: scalar }) = view.glow");
-        let view = Ty::Record(vec![("place".to_owned(), Ty::vector(3)), ("glow".to_owned(), Ty::SCALAR)]);
+        let view = Ty::Record(vec![("place".to_owned(), Ty::vector(3)), ("glow".to_owned(), Ty::SCALAR)].into());
         let shown = vec![("_1".to_owned(), Ty::SCALAR), ("_2".to_owned(), view.clone()), ("_".to_owned(), view)];
         let words = Words {
             known: Analysis::of_program(&program).map(|known| Analysis { shown, ..known }),
