@@ -399,6 +399,11 @@ fn a_change_is_named_and_refused_unless_forced() {
     let told = stderr(&place.dsl(&["run", "other.dscene", "--resume", "r"]));
     assert!(told.contains("`other.dscene` was not part of it"), "{told}");
     assert_eq!(fs::read(place.path("r/log.jsonl")).unwrap(), log, "what is refused changes nothing");
+    fs::remove_file(place.path("r/log.jsonl")).unwrap();
+    let output = place.dsl(&["run", "s.dscene", "--resume", "r"]);
+    assert_diagnosed(&output);
+    assert!(stderr(&output).contains("lacks steps") && !place.path("r/log.jsonl").exists(), "{}", stderr(&output));
+    fs::write(place.path("r/log.jsonl"), &log).unwrap();
     // By force the run goes on with what is there now; here it is a shorter one.
     place.write("s.dscene", own.replace("1000000 }", "40 }"));
     assert_diagnosed(&place.dsl(&["run", "s.dscene", "--resume", "r"]));

@@ -244,13 +244,19 @@ impl RunFolder {
             (Some(&mut self.report), EVENTS, to.report),
             (self.events.as_mut(), tensorboard::FILE, to.events),
         ];
+        // All are looked at before one is changed.
+        for (file, name, bytes) in &files {
+            if file.as_ref().is_some_and(|file| file.whole < *bytes) {
+                let message = format!("`{}` lacks steps that were taken", self.path.join(name).display());
+                return Err(Diagnostic::error("dscene::run::resume", message)
+                    .help("put it back as the run left it, or start a new run"));
+            }
+        }
         for (file, name, bytes) in files {
             let Some(file) = file else { continue };
             let path = self.path.join(name);
-            if file.whole < bytes {
-                let message = format!("`{}` lacks steps that were taken", path.display());
-                return Err(Diagnostic::error("dscene::run::resume", message)
-                    .help("put it back as the run left it, or start a new run"));
+            if file.file.0.is_none() {
+                *file = Whole::new(&path)?;
             }
             file.shorten(bytes).map_err(|e| cannot_write(&path, &e))?;
         }
@@ -472,12 +478,16 @@ impl Whole<Records> {
         Ok(Whole { file: Records(Some(file)), whole: 0 })
     }
 
-    /// The file of an earlier run, which is added to. Where there is none any more an empty one is found wanting.
+    /// The file of an earlier run, which is added to. Where there is none any more, nothing is made before it is known that the run goes on.
     fn again(path: &Path) -> Result<Whole<Records>, Diagnostic> {
         if path.symlink_metadata().is_ok_and(|m| !m.is_file()) {
             return Err(cannot_write(path, &io::Error::other("it is not an ordinary file")));
         }
-        let file = OpenOptions::new().append(true).create(true).open(path).map_err(|e| cannot_write(path, &e))?;
+        let file = match OpenOptions::new().append(true).open(path) {
+            Ok(file) => file,
+            Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(Whole::unwritten()),
+            Err(e) => return Err(cannot_write(path, &e)),
+        };
         let whole = file.metadata().map_err(|e| cannot_write(path, &e))?.len();
         Ok(Whole { file: Records(Some(file)), whole })
     }
