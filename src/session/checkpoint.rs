@@ -195,6 +195,12 @@ impl Checkpoint {
         Path::new(&self.folder)
     }
 
+    /// The files that the run has read, with their fingerprints: from the script's folder on, if they lie in it.
+    pub fn inputs(&self) -> impl Iterator<Item = (PathBuf, u64)> {
+        let below = |path: &Path| path.strip_prefix(&self.folder).unwrap_or(path).to_path_buf();
+        self.inputs.iter().map(move |(path, hash)| (below(Path::new(path)), *hash))
+    }
+
     /// Remembers what the run has read as inputs, which no output of this process may replace.
     pub fn note_inputs(&self) {
         self.inputs.iter().for_each(|(path, _)| note_input(Path::new(path)));

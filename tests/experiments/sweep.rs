@@ -393,6 +393,47 @@ fn a_changed_script_and_a_folder_in_use_are_refused() {
     assert_eq!(lines(&place, "r", "begun").len(), 4);
 }
 
+/// Rows of older data do not stand beside rows of newer ones.
+#[test]
+fn changed_data_are_seen() {
+    let place = Place::new();
+    let script = VALLEY.replace("(x - 1)", "(x - load_table(\"goal.csv\")[0, 0])");
+    fs::create_dir(place.path("a")).unwrap();
+    place.write("a/a.dscene", &script);
+    place.write("a/goal.csv", "1,0\n");
+    let sweep = |values: &str, more: &[&str]| {
+        place.dsl(&[&["sweep", "a/a.dscene", "--out", "r", "--quiet", "--set", values][..], more].concat())
+    };
+    assert_code(&sweep("rate=0.1", &[]), 0);
+    assert_code(&sweep("rate=0.1,0.2", &[]), 0);
+    assert_eq!(lines(&place, "r", "begun").len(), 2);
+    place.write("a/goal.csv", "2,0\n");
+    let output = sweep("rate=0.1,0.2,0.3", &[]);
+    assert_diagnosed(&output);
+    assert!(stderr(&output).contains("`goal.csv` has changed"), "{}", stderr(&output));
+    assert_code(&sweep("rate=0.1,0.2,0.3", &["--force"]), 0);
+    assert_eq!(lines(&place, "r", "begun").len(), 3);
+    assert_code(&sweep("rate=0.1,0.2,0.3,0.4", &[]), 0);
+}
+
+/// What has no value is told before the first run, and once.
+#[test]
+fn values_are_tried_before_the_first_run() {
+    let place = Place::new();
+    place.write("a.dscene", VALLEY);
+    for (values, why) in [
+        ("start=1,sqrt(sum(noise([1]) ^ 0) - 3)", "the square root of -2"),
+        ("x=1,0/0", "is not finite"),
+        ("x=1,2,load_table(\"a{1}.csv\")[0, 0]", "a1.csv"),
+    ] {
+        let output = place.dsl(&["sweep", "a.dscene", "--out", "r", "--set", values]);
+        assert_diagnosed(&output);
+        let told = stderr(&output);
+        assert!(told.contains(why) && told.matches('×').count() == 1, "{told}");
+        assert!(!place.path("r").exists(), "{values}");
+    }
+}
+
 #[test]
 fn a_sweep_goes_on_when_the_disk_has_room_again() {
     let place = Place::new();

@@ -4,9 +4,11 @@ use crate::check::hir::{self, Values};
 use crate::check::types::Ty;
 use crate::check::{self, SEED};
 use crate::cli::args::{Common, SweepArgs};
+use crate::cli::load::engine_options;
 use crate::cli::script::as_script;
 use crate::cli::{Loaded, Terminal, check_file};
 use crate::diag::Diagnostic;
+use crate::eval::Engine;
 use crate::natives::value::Value;
 use crate::session::sweep::Axis;
 use crate::session::{Override, World};
@@ -173,6 +175,19 @@ fn seed(text: &str, loaded: &mut Loaded, terminal: &mut Terminal) -> Option<u64>
     None
 }
 
+/// Why what was set has no value, if it is numbers and that shows without an image or a mesh being made.
+fn untakeable(args: &SweepArgs, program: &hir::Program, name: &str) -> Option<Diagnostic> {
+    let id = program.find(name)?;
+    let decl = program.decl(id);
+    if !matches!(decl.ty, Ty::Num(_) | Ty::Angle | Ty::Bool | Ty::Str) {
+        return None;
+    }
+    let is_param = matches!(decl.kind, hir::DeclKind::Param(_));
+    let options = engine_options(&args.run.common, &args.run.file);
+    let mut engine = Engine::new(program.clone(), options);
+    if is_param { engine.param_value(id).err() } else { engine.eval_decl(id).err() }
+}
+
 /// Checks the script with each value of each variable, the others being at their first one.
 fn check_values(args: &SweepArgs, axes: &[Axis], terminal: &mut Terminal) -> Option<()> {
     let first = |axis: &Axis| Some(Override { name: axis.name.clone(), value: axis.values.first()?.clone() });
@@ -187,6 +202,11 @@ fn check_values(args: &SweepArgs, axes: &[Axis], terminal: &mut Terminal) -> Opt
             let errors: Vec<&Diagnostic> = diagnostics.iter().filter(|d| d.is_error()).collect();
             if !errors.is_empty() {
                 errors.into_iter().for_each(|d| terminal.diagnostic(d, &sources));
+                return None;
+            }
+            let told = program.as_ref().and_then(|program| untakeable(args, program, &axis.name));
+            if let Some(told) = told {
+                terminal.diagnostic(&told, &sources);
                 return None;
             }
             // Of the script's own variables that is told when it is checked.

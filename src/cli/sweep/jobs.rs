@@ -37,6 +37,8 @@ pub struct Ended {
     pub run: Combination,
     /// `None` if it was interrupted and may go on.
     pub entry: Option<Entry>,
+    /// The files that it has read, with their fingerprints.
+    pub inputs: Vec<(PathBuf, u64)>,
     pub printed: String,
     pub errors: String,
 }
@@ -127,11 +129,13 @@ impl Jobs {
             Ok(output) => {
                 let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
                 let (printed, errors) = (text(&output.stdout), text(&output.stderr));
-                Ended { entry: entry(&folder, &output, &errors), run, printed, errors }
+                let left = Checkpoint::read(&folder).ok().filter(|checkpoint| checkpoint.finished);
+                let inputs = left.iter().flat_map(Checkpoint::inputs).collect();
+                Ended { entry: entry(left.as_ref(), &output, &errors), run, inputs, printed, errors }
             }
             Err(e) => {
                 let entry = Some(failed(describe_io(&e)));
-                Ended { run, entry, printed: String::new(), errors: String::new() }
+                Ended { run, entry, inputs: Vec::new(), printed: String::new(), errors: String::new() }
             }
         })
     }
@@ -144,9 +148,8 @@ pub fn is_free(folder: &Path) -> bool {
 }
 
 /// How a run has ended: by what it has left, not by what it has said.
-fn entry(folder: &Path, output: &Output, errors: &str) -> Option<Entry> {
+fn entry(left: Option<&Checkpoint>, output: &Output, errors: &str) -> Option<Entry> {
     let code = output.status.code();
-    let left = Checkpoint::read(folder).ok().filter(|checkpoint| checkpoint.finished);
     if let Some(checkpoint) = left {
         return Some(of_report(&checkpoint.report));
     }

@@ -3,7 +3,7 @@
 mod axes;
 mod jobs;
 
-use std::collections::HashSet;
+use std::collections::{BTreeMap, HashSet};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -94,7 +94,7 @@ pub fn run_loaded(args: SweepArgs, mut loaded: Loaded, terminal: &mut Terminal) 
             told: HashSet::new(),
         };
         let interrupted = world::listening(|| sweep.run_all())?;
-        let table = sweep.folder.write_table(&sweep.runs, &maximized)?;
+        let table = sweep.folder.write_table(&sweep.runs, &maximized, interrupted)?;
         sweep.write_page(&table)?;
         Ok((interrupted, table, sweep.folder.path().to_path_buf()))
     });
@@ -129,6 +129,7 @@ fn open(args: &SweepArgs, sources: Vec<SourceText>) -> Result<SweepFolder, Diagn
         steps: args.run.steps,
         prune: args.prune,
         sources,
+        inputs: BTreeMap::new(),
     };
     let default = || PathBuf::from("runs").join(format!("{}-sweep", name_of(&args.run.file)));
     let path = common.out.clone().unwrap_or_else(default);
@@ -205,24 +206,43 @@ impl Sweep<'_> {
     /// Writes the page with the curves of the runs, of the first seeds if there are too many. What cannot be read is left out.
     fn write_page(&self, table: &Table) -> Result<(), Diagnostic> {
         let path = self.folder.path().join(PAGE);
+        let begun = self.folder.journal.begun_runs()?;
         let title = format!("Sweep of {}", name_of(&self.args.run.file));
         let write = |_: &mut std::fs::File| {
-            let folders = self.runs.iter().map(|run| self.folder.run(run)).filter(|folder| folder.is_dir());
-            let runs: Vec<Run> = folders.filter_map(|folder| Run::read(&folder).ok()).take(MOST_CURVES).collect();
+            let begun = self.runs.iter().filter(|run| begun.contains(&run.name())).map(|run| self.folder.run(run));
+            let runs: Vec<Run> = begun.filter_map(|folder| Run::read(&folder).ok()).take(MOST_CURVES).collect();
             if runs.is_empty() { Ok(()) } else { write_atomically(&path, comparison(&title, &runs, table).as_bytes()) }
         };
         self.folder.journal.locked(write).map_err(|e| cannot_write(&path, &e))
     }
 
+    /// Notes what a run has read. That rows belong to different data is told once for each file.
+    fn note_inputs(&mut self, name: &str, inputs: &[(PathBuf, u64)]) -> Result<(), Diagnostic> {
+        let beside = self.args.run.file.parent().unwrap_or(Path::new(""));
+        for changed in self.folder.note_inputs(beside, inputs)? {
+            let changed = changed.display();
+            let message = format!(
+                "`{changed}` has changed since the sweep began: `{name}` has read other data than runs before it"
+            );
+            if self.told.insert(format!("changed {changed}")) {
+                let told = Diagnostic::warning("dscene::sweep::changed", message)
+                    .help("once the sweep has ended, `--force` begins it anew");
+                self.terminal.diagnostic(&told, &SourceMap::default());
+            }
+        }
+        Ok(())
+    }
+
     /// Notes the end of a run. One that was interrupted has not ended.
     fn end(&mut self, ended: Ended) -> Result<(), Diagnostic> {
-        let Ended { run, entry, printed, errors } = ended;
+        let Ended { run, entry, inputs, printed, errors } = ended;
         let name = run.name();
         for line in printed.lines() {
             self.terminal.print(&format!("{name}: {line}"));
         }
         let Some(entry) = entry else { return Ok(()) };
         self.folder.journal.ended(&run, &entry)?;
+        self.note_inputs(&name, &inputs)?;
         self.ended += 1;
         if self.args.run.common.json {
             let values: serde_json::Map<_, _> = entry.values.iter().map(|(n, x)| (n.clone(), number(*x))).collect();

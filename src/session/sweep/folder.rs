@@ -1,6 +1,6 @@
 //! The folder that all runs of a sweep share.
 
-use std::collections::HashSet;
+use std::collections::{BTreeMap, HashSet};
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Combination, Journal, Table, journal};
 use crate::diag::Diagnostic;
-use crate::files::{RUN_LOCK, describe_io, is_leftover, read_own, write_atomically};
+use crate::files::{RUN_LOCK, describe_io, fingerprint, is_leftover, read, read_own, write_atomically};
 use crate::session::Override;
 use crate::session::folder::{SourceText, cannot_write, lock_file, spare_inputs};
 
@@ -44,6 +44,9 @@ pub struct Record {
     pub prune: bool,
     /// The script and its imports.
     pub sources: Vec<SourceText>,
+    /// The other files that runs have read until now, with their fingerprints: from the script's folder on, if they lie in it.
+    #[serde(default)]
+    pub inputs: BTreeMap<PathBuf, u64>,
 }
 
 /// The folder, while a process works on the sweep.
@@ -89,19 +92,50 @@ impl SweepFolder {
         &self.path
     }
 
+    /// Notes what a run of the script in `folder` has read. Returns the files that had other contents when an earlier run read them.
+    pub fn note_inputs(&self, folder: &Path, inputs: &[(PathBuf, u64)]) -> Result<Vec<PathBuf>, Diagnostic> {
+        let Some(record) = Record::read(&self.path)? else { return Ok(Vec::new()) };
+        let own = |record: &Record, path: &Path| record.sources.iter().any(|s| is_same(&folder.join(path), &s.file));
+        let known = |record: &Record, path: &Path| record.inputs.contains_key(path) || own(record, path);
+        let changed = |(path, hash): &&(PathBuf, u64)| record.inputs.get(path).is_some_and(|before| before != hash);
+        let changed = inputs.iter().filter(changed).map(|(path, _)| path.clone()).collect();
+        if inputs.iter().all(|(path, _)| known(&record, path)) {
+            return Ok(changed);
+        }
+        let add = |_: &mut fs::File| {
+            // Another process may have added some meanwhile.
+            let Ok(Some(mut record)) = Record::read(&self.path) else { return Ok(Ok(())) };
+            let new: Vec<_> = inputs.iter().filter(|(path, _)| !known(&record, path)).cloned().collect();
+            record.inputs.extend(new);
+            Ok(record.write(&self.path))
+        };
+        self.journal.locked(add).map_err(|e| cannot_write(&self.path, &e))??;
+        Ok(changed)
+    }
+
     /// The run folder of a combination.
     pub fn run(&self, run: &Combination) -> PathBuf {
         self.path.join(run.name())
     }
 
     /// Makes the table of what has ended so far, and writes it. Of several processes, the last one to do so knows all. Of columns named by `maximized` the largest mean is the best one.
-    pub fn write_table(&self, runs: &[Combination], maximized: &HashSet<String>) -> Result<Table, Diagnostic> {
-        let written = self.journal.locked(|_| Ok(self.table_files(runs, maximized)));
+    pub fn write_table(
+        &self,
+        runs: &[Combination],
+        maximized: &HashSet<String>,
+        interrupted: bool,
+    ) -> Result<Table, Diagnostic> {
+        let written = self.journal.locked(|_| Ok(self.table_files(runs, maximized, interrupted)));
         written.map_err(|e| cannot_write(&self.path, &e))?
     }
 
-    fn table_files(&self, runs: &[Combination], maximized: &HashSet<String>) -> Result<Table, Diagnostic> {
-        let table = Table::new(runs, &self.journal.read()?, maximized);
+    fn table_files(
+        &self,
+        runs: &[Combination],
+        maximized: &HashSet<String>,
+        interrupted: bool,
+    ) -> Result<Table, Diagnostic> {
+        let table = Table::new(runs, &self.journal.read()?, maximized, interrupted);
         for (name, bytes) in TABLES.into_iter().zip([table.csv()?, table.json().into_bytes()]) {
             let target = self.path.join(name);
             write_atomically(&target, &bytes).map_err(|e| cannot_write(&target, &e))?;
@@ -130,16 +164,21 @@ impl Record {
             journal.set_len(0).map_err(|e| cannot_write(&folder.join(journal::FILE), &e))?;
         }
         let started = before.as_ref().filter(|_| goes_on).map_or(&self.started, |before| &before.started).clone();
-        let record = Record { started, ..self.clone() };
+        let inputs = before.as_ref().filter(|_| goes_on).map_or(BTreeMap::new(), |before| before.inputs.clone());
+        let record = Record { started, inputs, ..self.clone() };
         if before.is_none_or(|before| before != record) {
-            let text = serde_json::to_string_pretty(&record).map_err(|e| no_folder(folder, &e.to_string()))?;
-            let target = folder.join(RECORD);
-            write_atomically(&target, format!("{text}\n").as_bytes()).map_err(|e| cannot_write(&target, &e))?;
+            record.write(folder)?;
         }
         Ok(())
     }
 
-    /// Refuses to go on with other scripts than the sweep was begun with. More values and seeds may be added.
+    fn write(&self, folder: &Path) -> Result<(), Diagnostic> {
+        let text = serde_json::to_string_pretty(self).map_err(|e| no_folder(folder, &e.to_string()))?;
+        let target = folder.join(RECORD);
+        write_atomically(&target, format!("{text}\n").as_bytes()).map_err(|e| cannot_write(&target, &e))
+    }
+
+    /// Refuses to go on with other scripts and data than the sweep was begun with. More values and seeds may be added.
     fn assert_same(&self, now: &Record, folder: &Path) -> Result<(), Diagnostic> {
         let mut changes = Vec::new();
         if self.version != now.version {
@@ -155,6 +194,16 @@ impl Record {
         }
         if self.sources.len() != now.sources.len() {
             changes.push("it imports other files".to_owned());
+        }
+        let beside = Path::new(&now.file).parent().unwrap_or(Path::new(""));
+        for (path, hash) in &self.inputs {
+            match read(&beside.join(path)) {
+                Ok(bytes) if fingerprint(&bytes) == *hash => {}
+                Ok(_) => changes.push(format!("`{}` has changed", path.display())),
+                // Another machine that works on the folder may have it elsewhere.
+                Err(_) if path.is_absolute() => {}
+                Err(_) => changes.push(format!("`{}` cannot be read any more", path.display())),
+            }
         }
         if changes.is_empty() {
             return Ok(());
@@ -185,4 +234,9 @@ fn no_folder(path: &Path, why: &str) -> Diagnostic {
     let why = if path.is_file() { "it is a file" } else { why };
     Diagnostic::error("dscene::sweep::folder", format!("cannot use `{}` for the sweep: {why}", path.display()))
         .help("choose another folder with `--out DIR`")
+}
+
+/// Whether two paths lead to the same file, which is there.
+fn is_same(a: &Path, b: &str) -> bool {
+    matches!((a.canonicalize(), Path::new(b).canonicalize()), (Ok(a), Ok(b)) if a == b)
 }

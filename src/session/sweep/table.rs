@@ -19,10 +19,14 @@ const MOST_ROWS: usize = 500;
 /// A sweep, as far as it has been run.
 #[derive(Clone, Debug)]
 pub struct Table {
+    /// What is swept over.
+    names: Vec<String>,
     columns: Vec<String>,
     /// Columns of which the largest mean is the best one, and not the smallest.
     maximized: HashSet<String>,
     rows: Vec<Row>,
+    /// Runs that have not ended yet.
+    missing: usize,
 }
 
 #[derive(Clone, Debug)]
@@ -35,28 +39,39 @@ struct Row {
 }
 
 impl Table {
-    /// Of the planned `runs`, with the ends of those that have ended. Of columns named by `maximized` the largest mean is the best one.
-    pub fn new(runs: &[Combination], ended: &HashMap<String, Entry>, maximized: &HashSet<String>) -> Table {
+    /// Of the planned `runs`, with the ends of those that have ended. Of columns named by `maximized` the largest mean is the best one. If the sweep
+    /// was `interrupted`, settings of which no run has ended have no row: it may have many thousands of them, and is to end at once.
+    pub fn new(
+        runs: &[Combination],
+        ended: &HashMap<String, Entry>,
+        maximized: &HashSet<String>,
+        interrupted: bool,
+    ) -> Table {
         let mut rows: Vec<Row> = Vec::new();
         let mut places: HashMap<Vec<&str>, usize> = HashMap::new();
         let mut columns: Vec<String> = Vec::new();
-        for run in runs {
+        let entries: Vec<Option<&Entry>> = runs.iter().map(|run| ended.get(&run.name())).collect();
+        let with_end = runs.iter().zip(&entries).filter(|(_, entry)| entry.is_some());
+        let told: HashSet<Vec<&str>> = with_end.map(|(run, _)| run.row()).collect();
+        let missing = entries.iter().filter(|entry| entry.is_none()).count();
+        let is_told = |run: &Combination| !interrupted || told.contains(&run.row());
+        for (run, entry) in runs.iter().zip(entries).filter(|(run, _)| is_told(run)) {
             let place = *places.entry(run.row()).or_insert_with(|| {
                 rows.push(Row { set: run.overrides.clone(), runs: Vec::new(), moments: Vec::new() });
                 rows.len() - 1
             });
-            let entry = ended.get(&run.name()).cloned();
             for (name, _) in entry.iter().flat_map(|entry| &entry.values) {
                 if !columns.contains(name) {
                     columns.push(name.clone());
                 }
             }
-            rows[place].runs.push((run.clone(), entry));
+            rows[place].runs.push((run.clone(), entry.cloned()));
         }
         for row in &mut rows {
             row.moments = columns.iter().map(|column| row.moments_of(column)).collect();
         }
-        Table { columns, maximized: maximized.clone(), rows }
+        let names = runs.first().map_or(Vec::new(), |run| run.overrides.iter().map(|o| o.name.clone()).collect());
+        Table { names, columns, maximized: maximized.clone(), rows, missing }
     }
 
     /// Whether every run has finished as the script wants it, or was pruned.
@@ -71,7 +86,7 @@ impl Table {
 
     /// Runs that have not ended yet.
     pub fn missing(&self) -> usize {
-        self.runs().filter(|(_, entry)| entry.is_none()).count()
+        self.missing
     }
 
     fn runs(&self) -> impl Iterator<Item = &(Combination, Option<Entry>)> {
@@ -93,7 +108,7 @@ impl Table {
     pub fn text(&self) -> String {
         let seeds = self.seeds();
         let is_told = self.rows.iter().any(|row| !row.notes().is_empty());
-        let mut head = self.names();
+        let mut head = self.names.clone();
         head.push("seeds".to_owned());
         head.extend(self.columns.iter().map(|c| format!("{}  ", show_name(c))));
         head.extend(is_told.then(String::new));
@@ -128,7 +143,7 @@ impl Table {
         let rows: Value = self.rows.iter().enumerate().take(MOST_ROWS).map(row).collect();
         let is_largest: Vec<bool> = self.columns.iter().map(|name| self.maximized.contains(name)).collect();
         json!({
-            "names": self.names(), "columns": self.columns, "largest": is_largest, "rows": rows,
+            "names": self.names, "columns": self.columns, "largest": is_largest, "rows": rows,
             "left": self.rows.len().saturating_sub(MOST_ROWS),
         })
     }
@@ -146,11 +161,6 @@ impl Table {
         self.rows.iter().flat_map(of).collect()
     }
 
-    /// What is swept over.
-    fn names(&self) -> Vec<String> {
-        self.rows.first().map_or(Vec::new(), |row| row.set.iter().map(|o| o.name.clone()).collect())
-    }
-
     /// Most runs of a row.
     fn seeds(&self) -> usize {
         self.rows.iter().map(|row| row.runs.len()).max().unwrap_or(0)
@@ -158,7 +168,7 @@ impl Table {
 
     /// For other programs: a line for each row, with the numbers to their last digit.
     pub fn csv(&self) -> Result<Vec<u8>, Diagnostic> {
-        let mut head = self.names();
+        let mut head = self.names.clone();
         head.extend(["finished", "diverged", "pruned", "error"].map(|end| format!("runs_{end}")));
         for column in &self.columns {
             head.extend([column.clone(), format!("{column}_error")]);
@@ -285,7 +295,7 @@ mod tests {
         let axes = [Axis { name: "lr".into(), values: vec!["0.1".into(), "0.2".into()] }];
         let runs = combinations(&axes, &[0, 1]).unwrap();
         let ended = ends.iter().map(|(i, entry)| (runs[*i].name(), entry.clone())).collect();
-        Table::new(&runs, &ended, &maximized.iter().map(|name| (*name).to_owned()).collect())
+        Table::new(&runs, &ended, &maximized.iter().map(|name| (*name).to_owned()).collect(), false)
     }
 
     #[test]
@@ -337,5 +347,11 @@ mod tests {
         let part = table(&[(0, entry(End::Pruned, 1.0))], &[]);
         assert!(part.is_success() && part.missing() == 3 && part.text().contains("1 pruned"), "{}", part.text());
         assert_eq!(table(&[], &[]).text().lines().count(), 3);
+        // Of one that was interrupted, what has begun is shown, and the rest counted.
+        let runs = combinations(&[Axis { name: "a".into(), values: vec!["1".into(), "2".into()] }], &[0, 1]).unwrap();
+        let ended = [(runs[2].name(), entry(End::Finished, 1.0))].into();
+        let short = Table::new(&runs, &ended, &HashSet::new(), true);
+        assert_eq!((short.rows.len(), short.missing(), &short.names[..]), (1, 3, &["a".to_owned()][..]));
+        assert_eq!(Table::new(&runs, &HashMap::new(), &HashSet::new(), true).text().lines().count(), 1);
     }
 }
