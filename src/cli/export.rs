@@ -77,9 +77,12 @@ fn export(args: &ExportArgs, terminal: &mut Terminal) -> Result<(), Told> {
     };
     if args.script {
         let mut engine = resumed(engine, &args.run, &checkpoint, &params)?;
-        let text = found_script(&mut engine, &checkpoint.settings.overrides);
-        let text = text.map_err(|told| Box::new((told, engine.program().sources.clone())))?;
-        return deliver(args, "script.dscene", text.as_bytes(), terminal).map_err(plain);
+        // What is printed is put beside the script.
+        let script = found_script(&mut engine, &checkpoint.settings.overrides, args.out.as_deref());
+        let script = script.map_err(|told| Box::new((told, engine.program().sources.clone())))?;
+        deliver(args, "script.dscene", script.text.as_bytes(), terminal).map_err(plain)?;
+        tell_lost(&script.lost, terminal);
+        return Ok(());
     }
     match args.format {
         ExportFormat::Json => {
@@ -116,6 +119,17 @@ fn last_step(run: &Path, checkpoint: &Checkpoint, terminal: &mut Terminal) -> Re
         terminal.note(&format!("no checkpoint has what the run found: these are the params of its step {step}"));
     }
     Ok(last)
+}
+
+/// Tells which files a script that was written to another folder does not find from there.
+pub(super) fn tell_lost(lost: &[String], world: &mut dyn World) {
+    if !lost.is_empty() {
+        let lost: Vec<String> = lost.iter().map(|text| format!("`{text}`")).collect();
+        let message = format!("paths are looked for from the script's new folder, also by {}", lost.join(", "));
+        let told = Diagnostic::warning("dscene::file::missing", message)
+            .help("put beside the script what these read, or write their paths out");
+        world.diagnostic(&told, &SourceMap::default());
+    }
 }
 
 // ---- where it goes -------------------------------------------------------------------------------------------------

@@ -1,9 +1,10 @@
 //! A script with the values that its params have now as their initial ones.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
+use std::path::{Path, PathBuf};
 
 use crate::check::types::Ty;
-use crate::check::{Line, hir};
+use crate::check::{self, Line, hir};
 use crate::diag::Diagnostic;
 use crate::eval::{Engine, is_angle};
 use crate::memory;
@@ -13,7 +14,7 @@ use crate::session::Override;
 use crate::session::folder::Nested;
 use crate::session::line::check_line;
 use crate::source::{SourceId, SourceMap, Span};
-use crate::syntax::ast::{Expr, ExprKind, KindBody, StatementKind};
+use crate::syntax::ast::{Expr, ExprKind, Import, ImportFrom, KindBody, StatementKind};
 use crate::tape::{Tensor, Var};
 
 /// A value for a declaration, or for a field of one, as text of the language.
@@ -23,8 +24,15 @@ pub struct Edit {
     pub text: String,
 }
 
-/// The script as it was run, with the present values as its initial ones.
-pub fn found_script(engine: &mut Engine, overrides: &[Override]) -> Result<String, Diagnostic> {
+/// A script for a file.
+pub struct Script {
+    pub text: String,
+    /// Expressions of the script whose relative paths are not written out, so that they do not lead from the new file to where they led.
+    pub lost: Vec<String>,
+}
+
+/// The script as it was run, with the present values as its initial ones. What it reads is found from the folder `to`, if one is given.
+pub fn found_script(engine: &mut Engine, overrides: &[Override], to: Option<&Path>) -> Result<Script, Diagnostic> {
     let root = engine.program().origin.main;
     let mut edits = Vec::new();
     for set in overrides {
@@ -41,7 +49,7 @@ pub fn found_script(engine: &mut Engine, overrides: &[Override]) -> Result<Strin
         let text = as_script(&Tensor { shape: field.shape, data: field.data }, &ty);
         edits.push(Edit { name: field.name, path: field.path, text });
     }
-    script_with_values(engine, root, &[], edits)
+    script_with_values(engine, root, &[], edits, to)
 }
 
 /// The same for a report, unless it is too long for one: then nothing is written that nobody would see.
@@ -51,20 +59,24 @@ pub fn script_of_report(engine: &mut Engine, overrides: &[Override]) -> Result<O
     let others = engine.renewed_values().iter().filter_map(|(_, value)| value.var()).map(Var::len).sum::<usize>();
     // Each number takes at least three bytes: `0, `.
     let is_short = params + fields + others <= LONGEST_SCRIPT / 3;
-    if is_short { found_script(engine, overrides).map(Some) } else { Ok(None) }
+    if is_short { found_script(engine, overrides, None).map(|script| Some(script.text)) } else { Ok(None) }
 }
 
 /// The file `root` and the lines `typed` since, each with only what still holds. Params that moved have their present values, and what
-/// `others` name has theirs; where that is not written in these texts, a comment at the end says it.
+/// `others` name has theirs; where that is not written in these texts, a comment at the end says it. If the text is to lie in the folder `to`,
+/// its relative paths begin there.
 pub fn script_with_values(
     engine: &mut Engine,
     root: Option<SourceId>,
     typed: &[SourceId],
     others: Vec<Edit>,
-) -> Result<String, Diagnostic> {
+    to: Option<&Path>,
+) -> Result<Script, Diagnostic> {
     let sources = engine.program().sources.clone();
     let edits = others.into_iter().chain(moved_params(engine)?).chain(given_values(engine, typed));
     let mut pending: Vec<(Edit, bool)> = edits.map(|edit| (edit, false)).collect();
+    let way = to.and_then(|to| Way::between(to, &engine.options().base_dir));
+    let mut paths = way.map_or(Paths::default(), |way| Paths::of(engine, way));
     let mut out = String::new();
     // What names stand for, as `Program::find` has it.
     let mut declared: HashMap<&str, SourceId> = HashMap::new();
@@ -86,6 +98,9 @@ pub fn script_with_values(
                 edits.push((statement.span.start as usize, statement.span.end as usize, String::new()));
                 continue;
             }
+            if let StatementKind::Import(import) = &statement.kind {
+                paths.add_import(import, &file.text);
+            }
             for (edit, done) in &mut pending {
                 if statement.declares() != Some(&edit.name) {
                     continue;
@@ -97,6 +112,7 @@ pub fn script_with_values(
                 }
             }
         }
+        paths.put(source, &mut edits);
         let mut text = file.text.clone();
         edits.sort_by_key(|edit| std::cmp::Reverse(edit.0));
         for (start, end, new) in edits {
@@ -116,10 +132,121 @@ pub fn script_with_values(
     let mut sources = SourceMap::new();
     let source = sources.add("script", None, out.as_str());
     // What cannot be laid out is still the script, and what is mostly numbers is not read for its layout.
+    let lost = paths.lost;
     if out.len() > LONGEST_LAID_OUT {
-        return Ok(out);
+        return Ok(Script { text: out, lost });
     }
-    Ok(crate::syntax::format(&sources, source).unwrap_or(out))
+    Ok(Script { text: crate::syntax::format(&sources, source).unwrap_or(out), lost })
+}
+
+/// The way from a folder to another one, as the beginning of a path: `../meshes/`.
+struct Way(String);
+
+impl Way {
+    /// `None` if both are the same folder.
+    fn between(from: &Path, to: &Path) -> Option<Way> {
+        let (from, to) = (real(from), real(to));
+        let same = from.components().zip(to.components()).take_while(|(a, b)| a == b).count();
+        let up = from.components().skip(same).map(|_| "..".to_owned());
+        let down = to.components().skip(same).map(|part| part.as_os_str().to_string_lossy().into_owned());
+        // On another disk there is no way.
+        let parts: Vec<String> = if same == 0 { vec![to.display().to_string()] } else { up.chain(down).collect() };
+        let escaped = parts.join("/").replace('\\', "\\\\").replace('"', "\\\"").replace('{', "{{").replace('}', "}}");
+        (!parts.is_empty()).then(|| Way(format!("{escaped}/")))
+    }
+}
+
+/// The full path of a folder that may not be there yet, as the system has it.
+fn real(path: &Path) -> PathBuf {
+    let path = if path.as_os_str().is_empty() { Path::new(".") } else { path };
+    let whole = check::normal(&std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf()));
+    let there = whole.ancestors().find_map(|part| Some((part, part.canonicalize().ok()?)));
+    let below = |(part, found): (&Path, PathBuf)| Some(found.join(whole.strip_prefix(part).ok()?));
+    there.and_then(below).unwrap_or(whole)
+}
+
+/// The relative paths of a script that is written to another folder.
+#[derive(Default)]
+struct Paths {
+    way: Option<Way>,
+    /// By source, where paths begin.
+    begins: HashMap<SourceId, Vec<usize>>,
+    lost: Vec<String>,
+}
+
+impl Paths {
+    /// Those that the natives of a program read which take paths to files.
+    fn of(engine: &Engine, way: Way) -> Paths {
+        let program = engine.program();
+        // What is declared by means of another declaration is walked through once for each.
+        let mut found: BTreeMap<(SourceId, u32), (Span, bool)> = BTreeMap::new();
+        let mut look = |e: &hir::Expr| {
+            check::walk(e, &mut |e| {
+                for (path, is_written) in read_paths(program, e) {
+                    let span = if is_written { path } else { e.span };
+                    found.entry((span.source, span.start)).or_insert((span, is_written));
+                }
+            });
+        };
+        for decl in program.ids().map(|id| program.decl(id)).filter(|decl| decl.user) {
+            decl.body.as_deref().into_iter().for_each(&mut look);
+            if let hir::DeclKind::Fn(function) = &decl.kind {
+                look(&function.body);
+            }
+        }
+        program.actions.iter().flat_map(hir::Action::parts).for_each(&mut look);
+        let mut paths = Paths { way: Some(way), ..Paths::default() };
+        let is_own = |source| Some(source) == program.origin.main || program.origin.lines.contains(&source);
+        for (span, is_written) in found.into_values().filter(|(span, _)| is_own(span.source)) {
+            let text = program.sources.text(span);
+            if is_written {
+                paths.add(span, text);
+            } else {
+                paths.lost.push(text.split_whitespace().collect::<Vec<&str>>().join(" "));
+            }
+        }
+        paths
+    }
+
+    /// A path between quotes.
+    fn add(&mut self, span: Span, text: &str) {
+        let is_relative = text.strip_prefix('"').is_some_and(|path| Path::new(path).is_relative());
+        if self.way.is_some() && is_relative {
+            self.begins.entry(span.source).or_default().push(span.start as usize + 1);
+        }
+    }
+
+    fn add_import(&mut self, import: &Import, text: &str) {
+        let written = text.get(import.span.start as usize..import.span.end as usize).unwrap_or("");
+        if let (ImportFrom::File(_), Some(quote)) = (&import.from, written.find('"')) {
+            let span = Span { start: import.span.start + quote as u32, ..import.span };
+            self.add(span, &written[quote..]);
+        }
+    }
+
+    /// Lets the paths of a source begin in the other folder, unless they are replaced as a whole.
+    fn put(&self, source: SourceId, edits: &mut Vec<(usize, usize, String)>) {
+        let Some(Way(way)) = &self.way else { return };
+        for at in self.begins.get(&source).into_iter().flatten() {
+            put(edits, Span::new(source, *at, *at), way);
+        }
+    }
+}
+
+/// The paths that a call reads: where they stand, and whether they begin as they are written.
+fn read_paths(program: &hir::Program, e: &hir::Expr) -> Vec<(Span, bool)> {
+    let hir::ExprKind::Call(call) = &e.kind else { return Vec::new() };
+    let hir::Callee::Native(id) = call.callee else { return Vec::new() };
+    if !check::READERS.contains(&program.decl(id).name.as_str()) {
+        return Vec::new();
+    }
+    let Some(Some(path)) = call.args.first() else { return Vec::new() };
+    match &path.kind {
+        hir::ExprKind::Str(parts) => vec![(path.span, matches!(parts.first(), Some(hir::StrPart::Text(_))))],
+        _ if path.ty == Ty::Str => vec![(path.span, false)],
+        // Textures and environments are made of pictures too.
+        _ => Vec::new(),
+    }
 }
 
 /// Bytes of the longest script that is laid out, which takes many times its length of memory.

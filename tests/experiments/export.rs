@@ -65,6 +65,38 @@ fn what_was_found_is_exported_as_numbers_and_as_a_script() {
     }
 }
 
+/// What a script reads is found from the folder that it is exported to, and what is not is told.
+#[test]
+fn an_exported_script_finds_its_files() {
+    let place = Place::new();
+    fs::create_dir_all(place.path("in/deep {x}")).unwrap();
+    place.write("in/lib.dscene", "fn twice(x) = 2 * x\n");
+    place.write("in/deep {x}/a.csv", "1,2\n");
+    place.write("in/b1.csv", "3,4\n");
+    let script = "import \"lib.dscene\" as lib\nlet named = \"b1.csv\"\nlet a = load_table(\"deep {{x}}/a.csv\")[0, 0]\n\
+                  let b = [load_table(\"b{i}.csv\")[0, 0] for i in 1..2]\nlet c = load_table(named)[0, 0]\nparam x = 1 // at first\n\
+                  loss l = (lib.twice(x) - a - b[0] - c) ^ 2\noptimize l { using: sgd(lr: 0.01), steps: 2 }\nsave x to \"x.json\"\n";
+    place.write("in/s.dscene", script);
+    assert_code(&place.dsl(&["run", "in/s.dscene", "--out", "r"]), 0);
+    let output = place.dsl(&["export", "r", "--script", "--out", "out/far"]);
+    assert_code(&output, 0);
+    let told = stderr(&output);
+    assert!(told.contains("`load_table(named)`") && !told.contains("b{i}"), "{told}");
+    let text = fs::read_to_string(place.path("out/far/script.dscene")).unwrap();
+    for part in
+        ["../../in/lib.dscene", "../../in/deep {{x}}/a.csv", "../../in/b{i}.csv", "to \"x.json\"", "= \"b1.csv\""]
+    {
+        assert!(text.contains(part), "{part} in\n{text}");
+    }
+    place.write("out/far/b1.csv", "3,4\n");
+    assert_code(&place.dsl(&["run", "out/far/script.dscene", "--out", "again"]), 0);
+    // Beside the script nothing changes, and nothing is told.
+    let output = place.dsl(&["export", "r", "--script", "--out", "in"]);
+    assert!(!stderr(&output).contains("named"), "{}", stderr(&output));
+    let text = fs::read_to_string(place.path("in/script.dscene")).unwrap();
+    assert!(text.contains("load_table(\"deep {{x}}/a.csv\")") && !text.contains("../"), "{text}");
+}
+
 /// A param begins with what a file of its name says, and the script has the name of what is exported of it.
 #[test]
 fn what_the_run_has_read_is_not_replaced() {

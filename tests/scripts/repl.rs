@@ -111,6 +111,22 @@ fn the_repl_saves_the_script_with_present_values() {
     assert_code(&place.dsl(&["check", "found.dscene"]), 0);
 }
 
+/// What a script reads, and what was typed, is found from the folder that it is saved to.
+#[test]
+fn the_repl_saves_paths_that_lead_from_the_new_folder() {
+    let place = Place::new();
+    fs::create_dir(place.path("sub")).unwrap();
+    place.write("rows.csv", "1,2\n");
+    place.write("a.dscene", "let a = load_table(\"rows.csv\")\n");
+    let output =
+        repl(&place, &["a.dscene"], "let b = load_table(\"rows.csv\")\n:save sub/found.dscene\n:save near.dscene\n");
+    assert_code(&output, 0);
+    let text = |name: &str| fs::read_to_string(place.path(name)).unwrap();
+    assert_eq!(text("sub/found.dscene").matches("(\"../rows.csv\")").count(), 2, "{}", text("sub/found.dscene"));
+    assert_eq!(text("near.dscene").matches("(\"rows.csv\")").count(), 2, "{}", text("near.dscene"));
+    assert_code(&place.dsl(&["check", "sub/found.dscene"]), 0);
+}
+
 /// What the session has neither read as its script nor saved itself is not replaced.
 #[test]
 fn the_repl_saves_over_no_text_that_it_does_not_know() {

@@ -4,9 +4,10 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use super::{Next, Repl};
+use crate::cli::export::tell_lost;
 use crate::cli::live::watch;
 use crate::cli::living::set_param;
-use crate::cli::script::script_with_values;
+use crate::cli::script::{Script, script_with_values};
 use crate::diag::{self, Diagnostic};
 use crate::files::write_atomically;
 use crate::session::folder::{cannot_write, spare_inputs};
@@ -272,9 +273,12 @@ impl Repl<'_> {
         self.spare(&path)?;
         let sources = &self.living.engine.program().sources;
         let root = sources.iter().find(|(_, f)| f.path.is_some() && f.path == self.living.file).map(|(id, _)| id);
-        let script = script_with_values(&mut self.living.engine, root, &self.typed, Vec::new())?;
+        let folder = path.parent().unwrap_or(Path::new(""));
+        let Script { text: script, lost } =
+            script_with_values(&mut self.living.engine, root, &self.typed, Vec::new(), Some(folder))?;
         write_atomically(&path, script.as_bytes()).map_err(|e| cannot_write(&path, &e))?;
         self.world.note(&format!("saved {}", path.display()));
+        tell_lost(&lost, self.world);
         self.saved.insert(path, script);
         Ok(())
     }
