@@ -51,9 +51,10 @@ pub fn presentations(rgba: [f64; 4]) -> Vec<String> {
     let digits = |x: f64| ((srgb_to_linear(x.clamp(0.0, 1.0)) * 1e4).round() / 1e4).to_string();
     let [r, g, b, a] = rgba;
     let alpha = if a < 1.0 { format!("{:02x}", byte(a)) } else { String::new() };
+    let opacity = if a < 1.0 { format!(", {}", (a.clamp(0.0, 1.0) * 1e4).round() / 1e4) } else { String::new() };
     vec![
         format!("#{:02x}{:02x}{:02x}{alpha}", byte(r), byte(g), byte(b)),
-        format!("[{}, {}, {}]", digits(r), digits(g), digits(b)),
+        format!("[{}, {}, {}{opacity}]", digits(r), digits(g), digits(b)),
     ]
 }
 

@@ -74,12 +74,16 @@ impl Server {
     /// picture.
     pub fn execute(&mut self, params: &Value) -> Result<Value, Failure> {
         let invalid = |what: &str| Failure::new(INVALID_PARAMS, what);
+        let command = params.get("command").and_then(Value::as_str).unwrap_or("");
+        if ![RUN, RENDER, GRAD].contains(&command) {
+            return Err(invalid(&format!("there is no command `{command}`")));
+        }
         let argument = |i: usize| params.pointer(&format!("/arguments/{i}")).and_then(Value::as_str);
         let path = argument(0).and_then(path_of).ok_or_else(|| invalid("the first argument is the file's address"))?;
         let name = || argument(1).ok_or_else(|| invalid("the second argument is a name"));
         let mut arguments: Vec<String> = Vec::new();
         let mut picture = None;
-        match params.get("command").and_then(Value::as_str).unwrap_or("") {
+        match command {
             RUN => arguments.extend(["run".to_owned(), path.display().to_string()]),
             RENDER => {
                 let camera = name()?;
@@ -89,12 +93,11 @@ impl Server {
                 arguments.push(path.display().to_string());
                 picture = Some(output).filter(|_| self.can_show);
             }
-            // As often as errors of the gradient need to be known.
-            GRAD => {
+            // GRAD: as often as errors of the gradient need to be known.
+            _ => {
                 let words = ["grad", "--repeats", "8", "--of", name()?, &path.display().to_string()];
                 arguments.extend(words.map(str::to_owned));
             }
-            other => return Err(invalid(&format!("there is no command `{other}`"))),
         }
         if !self.starts_programs {
             return Err(invalid("this server starts no programs"));
