@@ -85,6 +85,13 @@ impl DiagnosticLog {
         self.extend(later.into_iter().filter(|d| keep(d)));
     }
 
+    /// Takes what was reported after the first `from`, to report it otherwise.
+    pub fn take_since(&mut self, from: usize) -> Vec<Diagnostic> {
+        let later = self.all.get(from..).unwrap_or_default().to_vec();
+        self.retain_since(from, |_| false);
+        later
+    }
+
     /// Number of errors.
     pub fn errors(&self) -> usize {
         self.errors

@@ -58,6 +58,39 @@ impl Checker<'_> {
         missing: &mut Vec<usize>,
         site: Site,
     ) {
+        let before = self.diagnostics.len();
+        self.report_each_unknown(params, unknown, given, missing, site);
+        self.join_unknown(before);
+    }
+
+    /// Makes one diagnostic of those about arguments of one call that were reported after the first `before`.
+    fn join_unknown(&mut self, before: usize) {
+        if self.diagnostics.len() <= before + 1 {
+            return;
+        }
+        let mut all: Vec<Diagnostic> = Vec::new();
+        for told in self.diagnostics.take_since(before) {
+            match all.iter_mut().find(|first| first.code == told.code) {
+                Some(first) if told.code != "dscene::feature::unavailable" => {
+                    let name = told.span().map_or("", |span| self.sources.text(span));
+                    first.helps.extend(told.helps.iter().map(|help| format!("`{name}`: {help}")));
+                    let span = |label: &Label| Label { span: label.span, text: "nor this".to_owned() };
+                    first.labels.extend(told.labels.iter().map(span));
+                }
+                _ => all.push(told),
+            }
+        }
+        self.diagnostics.extend(all);
+    }
+
+    fn report_each_unknown(
+        &mut self,
+        params: &[SigParam],
+        unknown: &[(usize, Typed)],
+        given: &[Given],
+        missing: &mut Vec<usize>,
+        site: Site,
+    ) {
         let mut left: Vec<(&ast::Name, &Typed)> = Vec::new();
         for (name, value) in unknown.iter().filter_map(|(i, value)| Some((given[*i].name.as_ref()?, value))) {
             let known: Vec<&str> = params.iter().map(|p| p.name.as_str()).collect();
@@ -498,6 +531,9 @@ impl Checker<'_> {
             let sig = Sig::Is(ty);
             *wanted == sig || matches!(wanted, Sig::Union(choices) if choices.contains(&sig))
         };
+        if let Some(help) = choice(wanted, text) {
+            return Some(help);
+        }
         if let Some(call) = self.named_value(wanted, found) {
             return Some(format!("what has settings is a function: `{call}`"));
         }
@@ -687,4 +723,16 @@ fn permutations(n: usize) -> impl Iterator<Item = Vec<usize>> {
             })
             .collect()
     })
+}
+
+/// The choice that is meant by a name of something else, `filter: linear`, where nothing but choices may be.
+fn choice(wanted: &Sig, text: &str) -> Option<String> {
+    let words = wanted.words();
+    let is_choice = match wanted {
+        Sig::Word(_) => true,
+        Sig::Union(choices) => choices.len() == words.len(),
+        _ => false,
+    };
+    let is_name = text.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
+    if is_choice && is_name { did_you_mean(text, "choose one of", words) } else { None }
 }

@@ -85,8 +85,31 @@ impl Checker<'_> {
             self.diagnostics.push(advice::unavailable(name, span));
             return;
         }
-        let foreign = self
-            .as_param(name, call)
+        // Names of other languages have values there, and none of them is a loss.
+        let is_loss = self.is_optimized(span);
+        let guess = guess.filter(|found| !is_loss || self.lookup(found).is_some_and(|id| self.is_user(id)));
+        let foreign = if is_loss { None } else { self.meant_elsewhere(name, span, call, wanted, guess.is_none()) };
+        let help = match guess {
+            _ if foreign.is_some() => foreign.unwrap_or_default(),
+            Some(found) => format!("did you mean `{found}`?"),
+            None => format!("declare it: `{}`", self.declaration(name, span, wanted)),
+        };
+        let told = Diagnostic::error("dscene::name::unknown", format!("`{name}` is not declared"))
+            .label(span, "not found")
+            .help(help);
+        self.diagnostics.push_cause(told, "nor here");
+    }
+
+    /// What a name is elsewhere, or what it is part of, with what is written here instead.
+    fn meant_elsewhere(
+        &self,
+        name: &str,
+        span: Span,
+        call: Span,
+        wanted: Option<&Sig>,
+        is_unlike: bool,
+    ) -> Option<String> {
+        self.as_param(name, call)
             .or_else(|| {
                 let help = self.name_in_other_languages(name, span)?;
                 // `np.mean(np.abs(v))`
@@ -95,20 +118,52 @@ impl Checker<'_> {
             .or_else(|| named_colour(name, wanted))
             .or_else(|| self.module_meant(name, span))
             .or_else(|| self.after_dashes(span))
-            .or_else(|| guess.is_none().then(|| self.module_that_has(name))?)
+            .or_else(|| is_unlike.then(|| self.module_that_has(name))?)
             .or_else(|| {
                 let nothing = "modules of other languages are not there, and nothing here does what this is for";
                 advice::is_module(name).then(|| nothing.to_owned())
-            });
-        let help = match guess {
-            _ if foreign.is_some() => foreign.unwrap_or_default(),
-            Some(found) => format!("did you mean `{found}`?"),
-            None => format!("declare it: `let {name} = …`"),
+            })
+    }
+
+    /// Whether a name stands where the loss of an `optimize` does.
+    fn is_optimized(&self, span: Span) -> bool {
+        self.before(span).trim_end().ends_with("optimize")
+    }
+
+    /// What stands on the line before a place.
+    fn before(&self, span: Span) -> &str {
+        let file = self.sources.get(span.source);
+        let text = file.and_then(|file| file.text.get(..span.start as usize)).unwrap_or("");
+        text.rsplit('\n').next().unwrap_or("")
+    }
+
+    /// How a name would be declared that stands at a place: as a function where it is called, as what is wanted there.
+    fn declaration(&self, name: &str, span: Span, wanted: Option<&Sig>) -> String {
+        let called = self.sources.get(span.source).and_then(|file| snippet::arguments(&file.text, span.end as usize));
+        let is_piped = self.before(span).trim_end().ends_with("|>");
+        if called.is_some() || is_piped {
+            let given = called.map_or(Vec::new(), |(arguments, _)| arguments);
+            let mut params: Vec<String> = Vec::new();
+            for argument in is_piped.then_some("x").into_iter().chain(given) {
+                let own = argument.split_once(':').map_or(argument, |(own, _)| own).trim();
+                let is_name = own.starts_with(|c: char| c.is_ascii_lowercase())
+                    && own.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
+                let is_free = is_name
+                    && params.iter().all(|other| other != own)
+                    && self.lookup(own).is_none_or(|id| self.is_user(id));
+                params.push(if is_free { own.to_owned() } else { format!("x{}", params.len() + 1) });
+            }
+            return format!("fn {name}({}) = …", params.join(", "));
+        }
+        let kind = match wanted.map(Sig::to_string).as_deref() {
+            _ if self.is_optimized(span) => "loss",
+            Some("material") => "material",
+            Some("light") => "light",
+            Some("shape") => "shape",
+            Some("camera") => "camera",
+            _ => "let",
         };
-        let told = Diagnostic::error("dscene::name::unknown", format!("`{name}` is not declared"))
-            .label(span, "not found")
-            .help(help);
-        self.diagnostics.push_cause(told, "nor here");
+        format!("{kind} {name} = …")
     }
 
     /// Whether a name that nothing has is a module of the library, of which what stands behind the dot is a part: `studio.floor`.

@@ -38,9 +38,10 @@ use std::panic::AssertUnwindSafe;
 use std::process::ExitCode;
 use std::sync::Arc;
 
-use clap::error::ErrorKind;
+use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{ArgMatches, CommandFactory, FromArgMatches};
 
+use crate::diag::suggest;
 use crate::ranks::{self, Link};
 use crate::session::World;
 use crate::source::SourceMap;
@@ -106,12 +107,25 @@ pub fn main(program: Program) -> ExitCode {
 fn matches(mut command: clap::Command) -> Result<ArgMatches, clap::Error> {
     let words: Vec<OsString> = std::env::args_os().collect();
     let wrong = match command.try_get_matches_from_mut(&words) {
-        Err(error) if error.kind() == ErrorKind::InvalidSubcommand => error,
+        Err(error) if error.kind() == ErrorKind::InvalidSubcommand => nearer(error, &command),
         done => return done,
     };
     let [program, help, name] = &words[..] else { return Err(wrong) };
-    let meant = if help == "help" { command.try_get_matches_from([program, name]).err() } else { None };
-    Err(meant.filter(|meant| meant.kind() == ErrorKind::InvalidSubcommand).unwrap_or(wrong))
+    let meant = if help == "help" { command.try_get_matches_from_mut([program, name]).err() } else { None };
+    Err(meant
+        .filter(|meant| meant.kind() == ErrorKind::InvalidSubcommand)
+        .map_or(wrong, |meant| nearer(meant, &command)))
+}
+
+/// The error with the command that is nearest letter by letter: to clap `rn` is more like `render` than like `run`.
+fn nearer(mut error: clap::Error, command: &clap::Command) -> clap::Error {
+    if let Some(ContextValue::String(name)) = error.get(ContextKind::InvalidSubcommand)
+        && let Some(near) = suggest(name, command.get_subcommands().map(clap::Command::get_name))
+    {
+        let near = ContextValue::Strings(vec![near.to_owned()]);
+        error.insert(ContextKind::SuggestedSubcommand, near);
+    }
+    error
 }
 
 /// The exit code, unless what was to be printed could not be.

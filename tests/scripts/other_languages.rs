@@ -13,6 +13,10 @@ pub const ROWS: &[Row] = &[
         "stage NAME { … }",
         "optimize fit { using: adam(), stage a { steps: 3 } }",
     ),
+    ("let a = glow_of(v, k: 2)", "glow_of", "fn glow_of(v, k) = …", "fn glow_of(v, k) = v * k\nlet a = glow_of(v, k: 2)"),
+    ("optimize offset_of { steps: 3 }", "offset_of", "loss offset_of = …", "loss offset_of = size ^ 2\noptimize offset_of { steps: 3 }"),
+    ("shape t { mesh: cube(), material: woody }", "woody", "material woody = …", "material woody = diffuse()\nshape t { mesh: cube(), material: woody }"),
+    ("let a = texture([[0.2]], filter: linear)", "linear", "bilinear", "let a = texture([[0.2]], filter: bilinear)"),
     ("let a = percentile(v, 50%)", "50%", "50", "let a = percentile(v, 50)"),
     ("sweep { k: [1, 2] }", "{", "sweep NAME in [1, 2, 3] { … }", "sweep k in [1, 2, 3] { print k }"),
     ("test { expect c }", "{", "test \"NAME\" { … }", "test \"a\" { expect c }"),
@@ -312,6 +316,7 @@ pub const ROWS: &[Row] = &[
 #[rustfmt::skip]
 pub const ONE_CAUSE: &[(&str, &str)] = &[
     ("let a = clamp(n, 2, 1)", "1"),
+    ("let a = sphere(radiuss: 1, foo: 2)", "radiuss"),
     ("optimize fit { using: adam(), stage a { steps: 3, starts: 2 } }", "starts"),
     ("fn f(alpha, beta: image) = alpha + mean(beta)\nlet a = f(1, b: 2)", "b"),
     ("camera k {\n  position: [0, 1, 0]],\n  fov: 40deg\n}\nprint k.fov", "]"),

@@ -102,6 +102,13 @@ impl Repl<'_> {
         if name.is_empty() || value.is_empty() {
             return Err(usage("`:set` needs a name and a value", "type `:set NAME EXPR`"));
         }
+        if rest.starts_with(['[', '.']) {
+            let message = format!(
+                "`:set` moves a whole param, and `{}` is part of one",
+                text.split_whitespace().next().unwrap_or("")
+            );
+            return Err(usage(&message, &format!("type `:set {name} EXPR` with all of it")));
+        }
         let program = self.living.engine.program();
         let param = program.params().find(|&id| program.decl(id).name == name);
         let Some(id) = param else {

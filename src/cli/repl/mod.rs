@@ -290,6 +290,11 @@ impl<'w> Repl<'w> {
             told.helps =
                 vec![format!("`:set {name} {value}` moves the param, `param {name} = {value}` declares it anew")];
         }
+        if let (None, [told]) = (&line, &mut diagnostics[..])
+            && ["quit", "exit", "quit()", "exit()", "q", "bye"].contains(&text.trim_end_matches(';'))
+        {
+            told.helps = vec!["`:quit` leaves, and so does Ctrl-D".to_owned()];
+        }
         let sources = program.sources.clone();
         for diagnostic in &diagnostics {
             self.world.diagnostic(diagnostic, &sources);
