@@ -2,7 +2,7 @@
 
 use crate::image::colormap::Colormap;
 use crate::memory;
-use crate::stop::paced;
+use crate::stop::{Pace, paced};
 use crate::tape::{Binary, Tensor, Unary, Var};
 
 use super::value::Value;
@@ -63,18 +63,19 @@ fn montage(a: &Args) -> Result<Value> {
     }
     let empty = paced(0..whole_height * whole_width, channels).flat_map(|_| (0..channels).map(|c| (behind + c) as u32));
     let mut table: Vec<u32> = empty.collect();
-    let mut first = 0;
+    let (mut first, mut pace) = (0, Pace::default());
     for (at, image) in images.iter().enumerate() {
         let [h, w, own] = [0, 1, 2].map(|axis| image.shape()[axis]);
         let top = (at / columns) * (height + gap) + (height - h) / 2;
         let left = (at % columns) * (width + gap) + (width - w) / 2;
-        for (y, x) in paced(0..h, w * channels).flat_map(|y| (0..w).map(move |x| (y, x))) {
-            let to = ((top + y) * whole_width + left + x) * channels;
-            let from = first + (y * w + x) * own;
-            table[to..to + channels]
-                .iter_mut()
-                .enumerate()
-                .for_each(|(c, entry)| *entry = (from + c.min(own - 1)) as u32);
+        for y in 0..h {
+            pace.step(w * channels);
+            for x in 0..w {
+                let to = ((top + y) * whole_width + left + x) * channels;
+                let from = first + (y * w + x) * own;
+                let entries = table[to..to + channels].iter_mut().enumerate();
+                entries.for_each(|(c, entry)| *entry = (from + c.min(own - 1)) as u32);
+            }
         }
         first += image.len();
     }

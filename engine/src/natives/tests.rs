@@ -254,12 +254,16 @@ fn long_natives_check_as_they_go() {
         ("noise", vec![("shape", Value::scalar(700_000.0))], 700_000),
         ("uniform", vec![("shape", Value::scalar(700_000.0))], 700_000),
         ("minibatch", [("items", vector(&numbers(&[300_000], 6).data)), ("count", Value::scalar(3e5))].into(), 600_000),
-        ("clear_sky", vec![("sun", vector(&[1.0, 1.0, 0.0])), ("width", Value::scalar(512.0))], 3 * 512 * 256 * 2),
+        (
+            "clear_sky",
+            vec![("sun", vector(&[1.0, 1.0, 0.0])), number(("turbidity", 3.0)), number(("width", 512.0))],
+            3 * 512 * 256 * 2,
+        ),
         ("montage", vec![("images", Value::list(vec![image(300, 200); 20]))], 20 * 300 * 200 * 2),
         ("colormap", vec![("image", image(700, 500))], 700 * 500 * 6),
         ("pad", vec![("image", image(700, 500)), ("left", Value::scalar(600.0))], 1300 * 500),
         ("sample", vec![("image", image(700, 500)), ("uv", Value::tensor(numbers(&[200_000, 2], 7)))], 4 * 200_000),
-        ("concat", vec![("a", Value::list(vec![image(300, 200); 20])), ("axis", Value::scalar(1.0))], 2_400_000),
+        ("concat", vec![("a", image(600, 700)), ("b", image(600, 700)), number(("axis", 1.0))], 2 * 600 * 700),
         ("stack", vec![("items", Value::list(vec![image(300, 200); 20]))], 1_200_000),
     ];
     for (name, args, work) in cases {
