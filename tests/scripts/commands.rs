@@ -103,7 +103,7 @@ fn a_script_may_come_from_standard_input() {
 #[test]
 fn a_slip_in_the_name_of_a_command_is_told_wherever_it_stands() {
     let place = Place::new();
-    for arguments in [&["runn"][..], &["help", "runn"]] {
+    for arguments in [&["runn"][..], &["help", "runn"], &["rn"]] {
         let output = place.dsl(arguments);
         assert_code(&output, 2);
         assert!(stderr(&output).contains("'run'"), "{arguments:?}: {}", stderr(&output));

@@ -684,3 +684,18 @@ fn saved_scripts_are_formatted() {
     let value = place.dsl(&["eval", "out.dscene", "t"]);
     assert_eq!(stdout(&value).trim(), "[30deg, 57.29578deg]");
 }
+
+/// Words of other programs and parts of params give one error, which says what to type.
+#[test]
+fn what_is_no_line_of_the_repl_is_told_once() {
+    let place = Place::new();
+    for (line, help) in [
+        ("exit", "`:quit`"),
+        ("quit()", "`:quit`"),
+        (":set c[0] 1", "`:set c EXPR`"),
+        (":set lamp.power 1", "`:set lamp EXPR`"),
+    ] {
+        let told = stderr(&repl(&place, &[], &format!("{line}\n")));
+        assert!(told.contains(help) && told.matches('×').count() == 1, "{line}: {told}");
+    }
+}

@@ -467,10 +467,16 @@ fn colours_are_picked_in_both_spellings() {
     let color = json!({"red": 1.0, "green": 128.0 / 255.0, "blue": 0.0, "alpha": 1.0});
     let at = json!({"start": {"line": 0, "character": 8}, "end": {"line": 0, "character": 15}});
     let params = json!({"textDocument": {"uri": uri}, "color": color, "range": at});
-    let found = editor.result("textDocument/colorPresentation", params);
+    let found = editor.result("textDocument/colorPresentation", params.clone());
     let labels: Vec<&Value> = found.as_array().unwrap().iter().map(|p| &p["label"]).collect();
     assert_eq!(labels, ["#ff8000", "[1, 0.2159, 0]"]);
     assert_eq!(edited(text, &json!([found[1]["textEdit"]])), text.replace("#ff8000", "[1, 0.2159, 0]"));
+    // An opacity is no light: it stands as it is.
+    let mut clear = params;
+    clear["color"]["alpha"] = json!(0.5);
+    let found = editor.result("textDocument/colorPresentation", clear);
+    let labels: Vec<&Value> = found.as_array().unwrap().iter().map(|p| &p["label"]).collect();
+    assert_eq!(labels, ["#ff800080", "[1, 0.2159, 0, 0.5]"]);
 }
 
 #[test]
@@ -514,6 +520,7 @@ fn lenses_run_what_they_stand_at() {
     for wrong in [json!({"command": "rm"}), json!({"command": "dscene.grad", "arguments": [uri]}), json!(3)] {
         assert_eq!(editor.refused("workspace/executeCommand", wrong).0, -32602);
     }
+    assert!(editor.refused("workspace/executeCommand", json!({"command": "rm"})).1.contains("`rm`"));
     // What has errors is not run.
     editor.change(&uri, 2, "loss l = missing\n");
     let found = editor.result("textDocument/codeLens", json!({"textDocument": {"uri": uri}}));
