@@ -61,7 +61,7 @@ impl<'t> Layout<'t> {
                 self.cursor.wants_space = false;
             }
             Rule::open_range => {
-                let start = pair.clone().into_inner().next().map_or(self.end(&pair), |end| self.start(&end));
+                let start = pair.into_inner().next().map_or(self.end(&pair), |end| self.start(&end));
                 self.cursor.sign(start, out);
                 self.cursor.wants_space = false;
                 self.parts(pair, out);
@@ -93,7 +93,7 @@ impl<'t> Layout<'t> {
     /// The parts of a pair, and the signs and brackets between them.
     fn parts(&mut self, pair: Pair, out: &mut Vec<Doc<'t>>) {
         let end = self.end(&pair);
-        let mut parts = pair.clone().into_inner().peekable();
+        let mut parts = pair.into_inner().peekable();
         if parts.peek().is_none() && !matches!(self.cursor.peek(), "(" | "[" | "{") {
             return self.word(&pair, out);
         }
@@ -193,7 +193,7 @@ impl<'t> Layout<'t> {
         let mut first = Vec::new();
         self.cursor.trailing(&mut first);
         let mut items: Vec<Item> = Vec::new();
-        let is_comprehension = pair.clone().into_inner().any(|p| p.as_rule() == Rule::for_);
+        let is_comprehension = pair.into_inner().any(|p| p.as_rule() == Rule::for_);
         for part in pair.into_inner() {
             let mut item = Item::default();
             self.cursor.lead(&mut item.lead);
