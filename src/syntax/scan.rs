@@ -89,8 +89,9 @@ pub fn scan(source: SourceId, text: &str) -> Scan {
     let text_out = String::from_utf8(blanked).unwrap_or_else(|_| text.to_owned());
     let mut pieces = split(source, text, &tokens, &mut diagnostics);
     attach_docs(&mut pieces, &docs);
+    let mut rest = tokens.as_slice();
     for piece in &mut pieces {
-        piece.broken |= !depth_is_fine(source, text, &tokens, piece, &mut diagnostics);
+        piece.broken |= !depth_is_fine(source, text, &mut rest, piece, &mut diagnostics);
     }
     Scan { text: text_out, pieces, comments, tokens, diagnostics }
 }

@@ -79,18 +79,22 @@ pub fn is_balanced(text: &str, tokens: &[Token]) -> bool {
     open.is_empty()
 }
 
-/// Whether a statement is nested no deeper than is read; reports it if not.
+/// Whether a statement is nested no deeper than is read; reports it if not. `tokens` are what is left of those of the text, and then what is
+/// left behind the statement.
 pub fn depth_is_fine(
     source: SourceId,
     text: &str,
-    tokens: &[Token],
+    tokens: &mut &[Token],
     piece: &Piece,
     diagnostics: &mut Vec<Diagnostic>,
 ) -> bool {
-    let first = tokens.partition_point(|t| t.start < piece.start);
+    let before = tokens.iter().take_while(|t| t.start < piece.start).count();
+    let inside = tokens[before..].iter().take_while(|t| t.start < piece.end).count();
+    let (own, behind) = tokens[before..].split_at(inside);
+    *tokens = behind;
     // By open bracket: the words so far that nest what follows them, up to a comma or the next `let` of a block.
     let mut words = vec![0usize];
-    for token in tokens[first..].iter().take_while(|t| t.start < piece.end) {
+    for token in own {
         let (mut inside, level, shown) = (0, words.len() - 1, &text[token.start..token.end]);
         match token.kind {
             TokenKind::Open => words.push(0),
