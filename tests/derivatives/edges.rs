@@ -317,7 +317,7 @@ fn what_bounds_cannot_keep_from_the_start_is_kept_by_steps() {
     );
     let (code, text) = run(&script, &[]);
     assert_eq!(code, 0, "{text}");
-    has(&text, &["`s` stays from 0 to 1", "`lamp.intensity` stays 0 or more"]);
+    has(&text, &["`s` stays from 0 to 0.9: it is the `diffuse` of `phong`", "`lamp.intensity` stays 0 or more"]);
 }
 
 /// As a step before it would be: nothing evaluates the loss where it leads.
